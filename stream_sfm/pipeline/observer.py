@@ -17,6 +17,7 @@ from ..config import Config
 from ..errors import FrameError
 from ..frontend.front_end import StereoFrontEnd
 from ..frontend.state import FrontEndState
+from ..geometry.resection import MANY_VIEWS
 from ..geometry.stereo import StereoProjection
 from ..inertial.samples import ImuSamples
 from ..pictures.one_image import delivered
@@ -24,7 +25,7 @@ from ..pictures.prepared import PreparedImages
 from ..record import changed
 from ..rig_model.estimate import RigEstimate
 from ..system.wording import described
-from ..types import ExpectedMotion, Frame, InertialView, Solution, StereoFrame
+from ..types import ExpectedMotion, Frame, InertialView, Observations, Solution, StereoFrame
 from .checked import check_arguments, check_images, checked_stamp, used_cameras
 from .physical import Observed as Observed
 from .physical import PhysicalEstimates
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
     from ..frontend.mono.front_end import MonoFrontEnd
 
 Expect = Callable[[int, InertialView], ExpectedMotion | None]  # from a stamp and the samples that come with it
+
+
+_EXCHANGED = "left and right are exchanged in this frame, as points in both show; it is used the other way round"
 
 
 class Observer:
@@ -103,13 +107,36 @@ class Observer:
         rectified = time.perf_counter()
         state, view = changed(self.state, grey_bits=grey_bits), self.inertial_view(frame)
         expected = None if view is None or expect is None else expect(stamp_ns, view)
-        self.state, observations = self._frontend.step(state, images, stamp_ns, expected)
+        self.state, observations = self._step(state, frame, images, stamp_ns, expected)
         if view is not None:
             observations = replace(observations, inertial=view)
         timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (time.perf_counter() - rectified)}
         now, n = self.state, len(observations.track_ids)
         moving = None if now.timing.twist is None else (now.tracks.points[:n], now.timing.twist)
         return Observed(observations, timings_ms, now.errors, now.turn_rad, now.turned_at, moving)
+
+    def _step(
+        self,
+        state: FrontEndState,
+        frame: Frame,
+        images: PreparedImages,
+        stamp_ns: int,
+        expected: ExpectedMotion | None,
+    ) -> tuple[FrontEndState, Observations]:
+        """Step the front-end; if hardly any point is found in both images, try them with left and right exchanged.
+
+        Where that explains a frame, it is used so. A right camera that stays covered is tried once only.
+        """
+        after, seen = self._frontend.step(state, images, stamp_ns, expected)
+        n, n_in_both = _followed(seen)
+        enough, alike = self._rules.robust.min_inliers, frame.images[0].shape == frame.images[-1].shape
+        if n < MANY_VIEWS or n_in_both >= enough or state.pair.problem or not alike or len(self.rig.cameras) == 1:
+            return after, seen
+        exchanged = self._prepared(frame, state.frame_index, images.grey_bits, exchanged=True)
+        other_after, other = self._frontend.step(state, exchanged, stamp_ns, expected)
+        if other_after.pair.problem or _followed(other)[1] < enough:
+            return after, seen
+        return other_after, replace(other, note=other.note or _EXCHANGED)
 
     def reset(self) -> None:
         """Forget all frames, so that the next frame is the first."""
@@ -137,9 +164,11 @@ class Observer:
             z_px -= timing.taken_out(*observed.moving)
         return changed(observed, observations=replace(seen, z_px=z_px, rig=None))
 
-    def _prepared(self, frame: Frame, frame_index: int | None, grey_bits: int | None = None) -> PreparedImages:
-        """Prepare images that have been checked; see `prepare`."""
-        images = [to_grey(image) for image in frame.images[: len(self.rig.cameras)]]
+    def _prepared(
+        self, frame: Frame, frame_index: int | None, grey_bits: int | None = None, exchanged: bool = False
+    ) -> PreparedImages:
+        """Prepare images that have been checked, left as right if they are `exchanged`; see `prepare`."""
+        images = [to_grey(image) for image in frame.images[: len(self.rig.cameras)]][:: -1 if exchanged else 1]
         deep = any(image.dtype == np.uint16 for image in images)
         bits = bits_used(*images) if deep and grey_bits is None else grey_bits
         sides = [to_uint8(image, bits or FEWEST_BITS) for image in images]
@@ -169,6 +198,12 @@ class Observer:
         if prepared.stamp_ns != frame.stamp_ns:
             return f"is of the frame with stamp {prepared.stamp_ns} ns, this one has {frame.stamp_ns} ns"
         return ""
+
+
+def _followed(seen: Observations) -> tuple[int, int]:
+    """Return how many tracks were followed in a frame, and how many of them were found in both images."""
+    n = len(seen.z_px) - seen.n_new
+    return n, int(np.count_nonzero(np.isfinite(seen.z_px[:n, 2])))
 
 
 def _front_end(rig: StereoRig | MonoRig, rectifier: Rectifier, config: Config) -> "StereoFrontEnd | MonoFrontEnd":

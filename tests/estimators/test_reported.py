@@ -8,17 +8,17 @@ import pytest
 from stream_sfm.config import Config
 from stream_sfm.config.reported_rules import ReportedRules
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.window.halves import (
+from stream_sfm.estimators.window.inverse_depth import linearise
+from stream_sfm.estimators.window.reported.equal_weights import reported
+from stream_sfm.estimators.window.reported.halves import (
     SpanFactors,
     _poses_by,
     _quarters,
     _unselected,
     squares_of_halves,
 )
-from stream_sfm.estimators.window.inverse_depth import linearise
-from stream_sfm.estimators.window.reported import reported
+from stream_sfm.estimators.window.reported.track_noise import TrackNoise
 from stream_sfm.estimators.window.state import WindowState
-from stream_sfm.estimators.window.track_noise import TrackNoise
 from stream_sfm.geometry import se3
 from stream_sfm.record import changed
 from stream_sfm.simulation.scenes import Scene, Sequence

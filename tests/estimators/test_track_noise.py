@@ -10,7 +10,7 @@ from stream_sfm.config import Config
 from stream_sfm.config.reported_rules import ReportedRules
 from stream_sfm.config.rules import Rules
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.window.track_noise import TrackNoise
+from stream_sfm.estimators.window.reported.track_noise import TrackNoise
 from stream_sfm.geometry import se3
 from stream_sfm.record import changed
 from stream_sfm.simulation.scenes import Scene

@@ -41,7 +41,7 @@ def frozen(k: int) -> int:
 ATTACKS: dict[str, tuple[Shown, str]] = {
     "left frozen": (lambda at, k: (at(frozen(k))[0], at(k)[1]), "is the left camera frozen"),
     "right frozen": (lambda at, k: (at(k)[0], at(frozen(k))[1]), "is the right camera frozen"),
-    "exchanged midway": (lambda at, k: at(k) if k < FAULT else at(k)[::-1], "are left and right exchanged"),
+    "exchanged midway": (lambda at, k: at(k) if k < FAULT else at(k)[::-1], "left and right are exchanged"),
     "exchanged from the start": (lambda at, k: at(k)[::-1], "are left and right exchanged"),
     "mirrored": (lambda at, k: (at(k)[0][:, ::-1].copy(), at(k)[1][:, ::-1].copy()), "belong to these cameras"),
     "right late": (lambda at, k: (at(k)[0], at(max(k - 1, 0))[1]), "not of one moment"),
@@ -93,6 +93,18 @@ def test_a_repeated_pair_of_another_brightness_is_no_new_one(room) -> None:
     assert squares[1:].max() < TEN_SIGMA
     bad = [k for k, e in enumerate(estimates) if e.status == sfm.Status.DEGRADED]
     assert bad == [9, 19, 29] and all("the images are identical" in estimates[k].reason for k in bad)
+
+
+def test_frames_whose_images_are_exchanged_are_used_the_other_way_round_and_said(room) -> None:
+    rig, frames, truth = room
+    seen = [replace(f, left=f.right, right=f.left) if k % 2 else f for k, f in enumerate(frames[:20])]
+    estimates, squares = judged(rig, seen, truth)
+    as_recorded, _ = judged(rig, frames[:20], truth)
+    assert squares[1:].max() < 20  # 6 are expected
+    for k, (found, sound) in enumerate(zip(estimates, as_recorded, strict=True)):
+        assert ("left and right are exchanged" in found.reason) == (k % 2 == 1)
+        assert k == 0 or found.status == (sfm.Status.DEGRADED if k % 2 else sfm.Status.OK)
+        assert np.abs(found.world_from_cam - sound.world_from_cam).max() < 1e-3
 
 
 def test_the_calibration_of_half_the_resolution_is_never_ok_and_wrong(room) -> None:

@@ -64,16 +64,11 @@ def test_equal_charts_are_equal_bytes_and_take_their_colours_from_the_page() -> 
 @pytest.mark.parametrize(
     ("value", "factor", "text"),
     [
-        (0.00028, 1000, "0.280"),
-        (879.0, 1, "879"),
-        (10312.4, 1, "10312"),
-        (-0.0123, 1, "−0.0123"),
-        (2e9, 1, "2.00e+09"),
-        (12, 1, "12"),
-        (None, 1, '<span class="nil">–</span>'),
+        (0.00028, 1000, "0.280"), (879.0, 1, "879"), (10312.4, 1, "10312"), (-0.0123, 1, "−0.0123"),
+        (2e9, 1, "2.00e+09"), (12, 1, "12"), (None, 1, '<span class="nil">–</span>'),
         ({"value": 1.416, "ci95": [1.1, 1.8]}, 1, "×1.42 <small>[1.10, 1.80]</small>"),
     ],
-)
+)  # fmt: skip
 def test_numbers_are_written_with_three_significant_digits(value: object, factor: float, text: str) -> None:
     assert text_of(value, factor) == text
 

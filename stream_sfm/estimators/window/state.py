@@ -2,8 +2,7 @@
 
 The reference camera p is the newest frame that has left the window; frames p+1 … n are in it with poses cam_from_ref.
 Points are given by q in the cameras that first saw them (`inverse_depth`); the world is one more pose, which the prior
-contains. The steps of a frame are functions of this record, in the order of `CrossFrame`: `enter.py` (`absorbed_oldest`
-before it, in `absorb.py`), `minimise.py`, `reported.py`.
+contains. The steps of a frame are functions of this record; `pipeline/` lists them in their order.
 """
 
 from dataclasses import field
@@ -23,10 +22,10 @@ from .inertia.inertial_window import InertialWindow
 from .inertia.interval import JOINT
 from .inverse_depth import State, WhitenedViews
 from .map_points import MapPoints
-from .marginals import Marginals
 from .normal_equations import System
 from .outliers import Rejections
 from .prior import Prior
+from .reported.marginals import Marginals
 from .rig_state import RigState
 from .unknowns.exposures import Exposures
 from .unknowns.focus_watch import FocusWatch

@@ -16,16 +16,16 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import core
-from ...config.reported_rules import ReportedRules
-from ...geometry import Array, se3
-from ...geometry.linear import Cholesky, mahalanobis2
-from ...geometry.medians import median
-from ...record import changed, record
-from .inverse_depth import State, linearise, slides_px2
-from .minimise import without_undetermined
+from .... import core
+from ....config.reported_rules import ReportedRules
+from ....geometry import Array, se3
+from ....geometry.linear import Cholesky, mahalanobis2
+from ....geometry.medians import median
+from ....record import changed, record
+from ..inverse_depth import State, linearise, slides_px2
+from ..minimise import without_undetermined
+from ..state import WindowState
 from .relative import apart_from_newest
-from .state import WindowState
 
 _TRACE = 1e-6  # share of the prior's information about points, which moves no half by a thousandth of its σ
 

@@ -9,13 +9,13 @@ rig unchanged. Nothing of it is fed back into them.
 
 import numpy as np
 
-from ... import core
-from ...record import changed
+from .... import core
+from ....record import changed
+from ..inverse_depth import linearise
+from ..minimise import without_undetermined
+from ..normal_equations import System
+from ..state import WindowState
 from .halves import SpanFactors, squares_of_halves
-from .inverse_depth import linearise
-from .minimise import without_undetermined
-from .normal_equations import System
-from .state import WindowState
 from .track_noise import TrackNoise
 
 
