@@ -17,7 +17,7 @@ functions of a record that they replace, `FrontEndState` and `WindowState`, and 
     let the cameras explain more     _without_turned              size_turn, judged_focus
     compare with samples             (in _agreed_motion)          inertia.judge
     go on to the new frame           learn, advance               absorbed_oldest, entered
-    keep a second motion in mind     (in advance)                 settled, with_second
+    keep a second motion in mind     (in advance)                 with_second, settled
     refine                           (each point, in advance)     renewed_timing, minimised
     judge the cameras                _check                       judged_rig
     begin points                     begin_points                 (in entered)

@@ -38,23 +38,6 @@ def test_contrary_evidence_takes_back_what_there_was() -> None:
     assert after([1.0, 0.3])[-1].refuted
 
 
-@pytest.mark.parametrize("agree", [0, 3, 9, 12])
-def test_the_ratio_is_that_of_counts_whose_share_is_unknown(agree: int) -> None:
-    rng, draws, new = np.random.default_rng(1), 400_000, 12
-    with_camera = rng.binomial(new, rng.beta(13, 1, draws)) == agree
-    with_body = rng.binomial(new, rng.random(draws)) == agree
-    ratio = np.log(with_camera.mean() / with_body.mean()) if with_camera.any() else -np.inf
-    std = np.sqrt(1 / max(with_camera.sum(), 1) + 1 / with_body.sum())
-    nats = Confirmation.sought(RULES).nats(agree, new)
-    assert nats == pytest.approx(ratio, abs=4 * std) or (not with_camera.any() and nats < -np.log(draws / 100))
-
-
-def test_few_points_of_a_frame_count_as_less() -> None:
-    confirmation = Confirmation.sought(RULES)
-    nats = [confirmation.nats(n, n) for n in (0, 1, 6, 40, 10_000)]
-    assert nats == sorted(nats) and nats[0] == 0 and nats[-1] == pytest.approx(np.log(13), rel=1e-3)
-
-
 def test_each_point_counts_once_and_those_before_the_doubt_never() -> None:
     ids = np.arange(30)
     confirmation = Confirmation.sought(RULES, next_id=30).after(ids, ids < 0)

@@ -149,10 +149,10 @@ class CrossFrame(TakesSamples):
             current, frame, cam_from_ref, views, _without_own(corrected_px, views, own), rejected, own
         )
         current = placed_focus(current)
-        if observations.settled:
-            current = settled(current)
         passed_s = (observations.stamp_ns - current.all_frames[-2].stamp_ns) / 1e9
         current = with_second(current, motion, self.motion.std_speed * passed_s)
+        if observations.settled:
+            current = settled(current)
         self.map = current = renewed_timing(current)
         current, iterations = minimised(current, self.config.window, self.config.rules.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
@@ -248,8 +248,9 @@ class CrossFrame(TakesSamples):
             self._turns, seen, found = size_turn(self._turns, e, seen, weights, found)
             views = views.with_larger_own(slice(0, e), self._turns.probable)
             current, found, views = judged_focus(current, views, rows, seen, weights, found)
-            if len(rows) < robust.calm_share * (len(views) - observations.n_new):
-                found = changed(found, second=second)  # its tracks were excluded, and nothing has explained them
+            repeats = observations.ambiguity is not None and observations.ambiguity.repeats
+            if repeats or len(rows) < robust.calm_share * (len(views) - observations.n_new):
+                found = changed(found, second=second)  # its views are not among these
         return current, found, views.ids[rows[~found.accepted]], views, corrected_px
 
     def _with_marginals(

@@ -129,9 +129,8 @@ def with_rejected(current: WindowState, rejected: NDArray[np.int64]) -> WindowSt
 
 def with_second(current: WindowState, motion: Resection, std_moved: Array) -> WindowState:
     """Add the uncertainty from the second of two plausible motions, which may be the true one; see `Doubt`."""
-    doubt, ambiguity = current.doubt.with_second(
-        motion, std_moved, current.newest_cam_from_ref, current.agreeing(fewest=2)
-    )
+    seen = current.newest_cam_from_ref, current.agreeing(fewest=1 if motion.ambiguous is None else 2)
+    doubt, ambiguity = current.doubt.with_second(motion, std_moved, *seen)
     current = changed(current, doubt=doubt)
     if motion.ambiguous is None or ambiguity is None:
         return current
@@ -148,7 +147,7 @@ def with_second(current: WindowState, motion: Resection, std_moved: Array) -> Wi
 def settled(current: WindowState) -> WindowState:
     """Drop the uncertainty about second motions as far back as tracks confirm the motions that were followed."""
     n, ambiguous = len(current.doubt.motions), [f.ambiguity.shape[1] > 0 for f in current.frames]
-    doubt, confirmed = current.doubt.settled(current.agreeing(fewest=1))
+    doubt, confirmed = current.doubt.settled()
     first = 0 if confirmed == n else max(sum(ambiguous) - confirmed, 0)
     of_ambiguous = np.cumsum(ambiguous) - 1
     frames = [

@@ -6,14 +6,13 @@ on the scene as well as on the body, so that only some of them agree with a body
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaln
 
 from ...config.rules import MotionRules
-from ...geometry.evidence import Evidence
+from ...geometry.evidence import Evidence, ratio_of_share
 from ...record import changed, record
 
-# The share s of new points that agree with a camera's motion has the density a s^(a-1). Its mean is 0.93, as in calm
-# scenes, and a share of 0.81 says nothing: in crowds 0.68 to 0.77 agree with a right or a wrong motion.
+# The mean share is 0.93, as in calm scenes, and 0.81 says nothing: in crowds 0.68 to 0.77 of the new points agree with
+# a right or a wrong motion.
 _CALM = 13.0
 
 
@@ -45,17 +44,8 @@ class Confirmation:
         `accepted` (n,): which of them agree with its motion. Each track is judged once, when it is first found again.
         """
         new = ids >= self.next_id
-        nats = self.nats(int(np.count_nonzero(new & accepted)), int(np.count_nonzero(new)))
+        agree, n = int(np.count_nonzero(new & accepted)), int(np.count_nonzero(new))
+        nats = ratio_of_share(agree, n, _CALM)
         evidence = self.evidence.after(nats)
         next_id = max(self.next_id, int(ids[-1]) + 1 if len(ids) else 0)
         return changed(self, evidence=evidence, next_id=next_id, refuted=nats < 0 and not evidence.change)
-
-    def nats(self, agree: int, new: int) -> float:
-        """Return the log-likelihood ratio of a frame in which `agree` of `new` points do, eq. (23g).
-
-        The share that agrees is one unknown of the frame. With a body's motion any is as probable as any other.
-        """
-        if not new:
-            return 0.0
-        with_camera = betaln(agree + _CALM, new - agree + 1) - betaln(_CALM, 1)
-        return float(with_camera - betaln(agree + 1, new - agree + 1))
