@@ -39,24 +39,12 @@ def records() -> list[object]:
     cloud = Cloud(7, "world", np.arange(3), np.zeros((3, 3), np.float32), np.zeros((3, 3, 3), np.float32))
     solution = Solution(sfm.Status.OK, "", *pose, ids, points, covs, points, covs, ids, np.zeros((5, 4, 4)))
     return [
-        recorded_frame(pair, [image, image]),
-        mesh,
-        Surface(mesh, 3, 2, 0.01, np.zeros((3, 3))),
-        cloud,
-        estimate(2),
-        solution,
-        Observations(12, 7, ids, views, cov, start=start),
-        LastingErrors(np.zeros(5), np.ones((5, 2))),
-        Ambiguity(*pose),
-        start,
-        sfm.StereoFrame(7, image, image),
-        sfm.MonoFrame(7, image),
-        sfm.Trajectory(ids, np.zeros((5, 4, 4))),
-        sfm.Trajectory(ids[:0], np.zeros((0, 4, 4))),
-        rig(),
-        rig().left,
+        recorded_frame(pair, [image, image]), mesh, Surface(mesh, 3, 2, 0.01, np.zeros((3, 3))), cloud, estimate(2),
+        solution, Observations(12, 7, ids, views, cov, start=start), LastingErrors(np.zeros(5), np.ones((5, 2))),
+        Ambiguity(*pose), start, sfm.StereoFrame(7, image, image), sfm.MonoFrame(7, image),
+        sfm.Trajectory(ids, np.zeros((5, 4, 4))), sfm.Trajectory(ids[:0], np.zeros((0, 4, 4))), rig(), rig().left,
         sfm.MonoRig(rig().left),
-    ]
+    ]  # fmt: skip
 
 
 def test_every_record_has_a_short_repr_and_equals_itself_only() -> None:
@@ -72,15 +60,12 @@ def test_every_record_has_a_short_repr_and_equals_itself_only() -> None:
     "wrong,message",
     [
         ({"start_s": -1.0}, "start_s is -1.0; give seconds from the first frame"),
-        ({"end_s": float("nan")}, "end_s is nan"),
-        ({"start_s": "1"}, "start_s is '1'"),
-        ({"max_frames": 0}, "max_frames is 0; give a whole number of at least 1"),
-        ({"stride": 0}, "stride is 0"),
-        ({"stride": None}, "stride is None"),
-        ({"stride": 1.5}, "stride is 1.5"),
+        ({"end_s": float("nan")}, "end_s is nan"), ({"start_s": "1"}, "start_s is '1'"),
+        ({"max_frames": 0}, "max_frames is 0; give a whole number of at least 1"), ({"stride": 0}, "stride is 0"),
+        ({"stride": None}, "stride is None"), ({"stride": 1.5}, "stride is 1.5"),
         ({"start_s": 5, "end_s": 4}, "the end, 4 s, lies before the start, 5 s"),
     ],
-)
+)  # fmt: skip
 def test_an_impossible_selection_is_refused_when_it_is_made(wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(sfm.ConfigError, match=message):
         sfm.Selection(**wrong)

@@ -110,6 +110,8 @@ def show(results: dict[str, Any]) -> None:
         for whose in ("core", "python"):
             table.add_row(f"calls of {whose} a frame", f"{counts[whose]['a_frame']:.0f}")
         table.add_row("files that a frame enters", f"{counts['files']['entered']:.0f}")
+        table.add_row("files of a step", f"{counts['step']['entered']:.0f}")
+        table.add_row("files of a step, not behind a door", f"{counts['step']['to_read']:.0f}")
         for language, ms in r["budget"]["ms"].items():
             table.add_row(f"{language}, CPU ms a step", f"{ms:.2f}")
         for what, count in r["budget"]["unknowns"].items():

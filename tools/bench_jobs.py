@@ -34,6 +34,10 @@ import cv2
 import numpy as np
 
 WARM_UP = 10  # frames not counted in times
+_WINDOW = "estimators/window/"
+# Rooms whose `__init__.py` says enough to understand a step.
+DOORS = ("pictures", "rig_model", "frontend/second_motions", "frontend/learnt", _WINDOW + "unknowns")
+DOORS += (_WINDOW + "inertia", _WINDOW + "reported")
 LK = {"winSize": (21, 21), "maxLevel": 3}
 
 
@@ -210,7 +214,8 @@ def run_step(path: str, overrides: list[str]) -> dict[str, Any]:
 def run_calls(path: str, overrides: list[str]) -> dict[str, Any]:
     """How often a step calls the compiled core, and functions of the package in Python; the most frequent of both.
 
-    A generator counts each time it goes on, a comprehension not at all. And how many files a frame enters in `replay`.
+    A generator counts each time it goes on, a comprehension not at all. And how many files a step enters, `to_read` not
+    counting those behind DOORS, and a frame in `replay`.
     """
     import stream_sfm
     from stream_sfm import Engine, Selection, core, open_log, read_config
@@ -218,6 +223,7 @@ def run_calls(path: str, overrides: list[str]) -> dict[str, Any]:
     package = os.path.dirname(stream_sfm.__file__)
     of_core: Counter[str] = Counter()
     of_python: Counter[str] = Counter()
+    files: set[str] = set()
 
     def counted(name: str, function: Any) -> Any:
         def inner(*args: Any, **named: Any) -> Any:
@@ -230,6 +236,7 @@ def run_calls(path: str, overrides: list[str]) -> dict[str, Any]:
         code = stack.f_code
         if event == "call" and code.co_filename.startswith(package) and not code.co_name.startswith("<"):
             of_python[f"{Path(code.co_filename).stem}.{code.co_name}"] += 1
+            files.add(os.path.relpath(code.co_filename, package))
 
     stages = {name: each for name, each in vars(core).items() if type(each).__name__ == "nb_func"}
     for name, each in stages.items():
@@ -248,7 +255,10 @@ def run_calls(path: str, overrides: list[str]) -> dict[str, Any]:
     return {
         name: {"a_frame": c.total() / stepped, "most": {k: v / stepped for k, v in c.most_common(30)}}
         for name, c in counts.items()
-    } | {"files": files_entered(path, overrides)}
+    } | {
+        "step": {"entered": len(files), "to_read": sum(os.path.dirname(f) not in DOORS for f in files)},
+        "files": files_entered(path, overrides),
+    }
 
 
 def run_budget(path: str, overrides: list[str]) -> dict[str, Any]:

@@ -226,6 +226,9 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
         beyond = f"{shown('local_structure_beyond_3_sigma_percent')} % beyond 3 (expected: 0.27 %)"
         yield "local structure", f"{median} m median error, {rms} m RMS, {over} × the estimated σ"
         yield "in units of σ", f"{usual} median (expected: 0.67), {beyond}"
+    if truth.get("global_structure_rms_m") is not None:
+        rms, over = shown("global_structure_rms_m", ".4f"), shown("global_structure_error_over_sigma")
+        yield "test points in the world", f"{rms} m RMS, {over} × the estimated σ"
 
 
 def _parts_rows(truth: dict[str, Any]) -> Iterator[tuple[str, str]]:

@@ -26,7 +26,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
     max_gap_s: Annotated[float, expert("time to seek the tracks of the last good frame, s", 0, 100)] = 1.0
     # It is 0.93 or more in the first frames of calm scenes, and 0.68 to 0.77 in a crowd, with a right or wrong
     # motion.
-    calm_start: Annotated[float, expert("share of new points that agree with a camera's motion", 0, 0.999)] = 0.8
+    calm_start: Annotated[float, expert("share of points that agree with a camera's motion", 0, 1)] = 0.8
     # It is half a second for most cameras. With more, the last old tracks in a turn would outvote all new ones.
     full_history: Annotated[int, expert("frames of agreement beyond which history no longer counts", 1, 1000)] = 10
     # A body that enters the view is outvoted, but not for ever once it is all that is left in most of the image.
@@ -143,9 +143,10 @@ class PairRules(Section, frozen=True, kw_only=True):
     fit: Annotated[float, expert("share of the points agreeing on the left that agree on the right", 0, 1)] = 0.5
     # No moving body has as many by chance.
     fewest_old: Annotated[int, expert("least number of points from before a problem that end it", 1, 2000)] = 8
-    # This is a second for most cameras.
-    good_frames: Annotated[int, expert("good frames in a row that end a problem", 1, 10_000)] = 20
-    good_share: Annotated[float, expert("share of all points that agree in a good frame", 0, 1)] = 0.6
+    # One frame with a problem has this evidence. New points that fit end it within a second for most cameras.
+    bound_nats: Annotated[float, expert("evidence that begins or ends a problem, nats", 0.1, 1e6)] = 7.0
+    memory_frames: Annotated[float, expert("frames over which new points show that images fit", 1, 1e6)] = 30.0
+    good_share: Annotated[float, expert("share of all points that agree in a good frame", 0, 0.999)] = 0.6
     # With real calibrations, rows differ by up to 1.9 px in a corner.
     max_rows_px: Annotated[float, expert("largest row difference of left and right, px", 0.1, 1e8)] = 2.5
     # Real matches scatter around their polynomial by up to 0.3 px.

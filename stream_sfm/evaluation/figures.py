@@ -46,6 +46,8 @@ ABSOLUTE = (Figure("ate_rmse_m", "ATE", ERRORS), Figure("scale_error_percent", "
 LOCAL = (
     Figure("local_structure_median_m", "local structure", STRUCTURE),
     Figure("local_structure_error_over_sigma", "… over σ", "1 expected"),
+    Figure("global_structure_rms_m", "test points in the world", STRUCTURE),
+    Figure("global_structure_error_over_sigma", "… over σ", "1 expected"),
 )
 # σ in two figures: what is each motion's own, and what the rig adds to all motions of a run alike.
 SIGMA = (

@@ -18,6 +18,7 @@ from ..geometry import Array
 from ..geometry.stereo import MIN_DEPTH
 from ..record import record
 from ..types import FrameEstimate
+from .global_structure import TestPoints
 from .settings import SETTINGS
 
 _HALF = 2  # the patch is 5×5
@@ -34,10 +35,15 @@ STRUCTURE_FIGURES = (
 
 @record
 class StructureErrors:
-    """Depth errors (m,) of the points of one frame, and their estimated standard deviations (m,); metres."""
+    """Depth errors (m,) of the points of one frame, and their estimated standard deviations (m,); metres.
+
+    They are of the points in `rows` (m,), whose rays meet the surface at `true_in_cam` (m, 3).
+    """
 
     errors_m: Array
     sigmas_m: Array
+    rows: NDArray[np.intp]
+    true_in_cam: Array
 
 
 def structure_errors(
@@ -55,6 +61,7 @@ def structure_errors(
     with np.errstate(invalid="ignore"):
         inside = ((uv >= margin) & (uv <= np.array([w - 1, h - 1]) - margin)).all(axis=1)
     points, cov, uv = points[inside], cov[inside], uv[inside]
+    among = np.flatnonzero(front)[inside]
 
     centre = np.rint(uv).astype(int)
     rows = centre[:, 1, None, None] + _OFFSETS[:, None]
@@ -76,14 +83,15 @@ def structure_errors(
     sv = plane[:, 2] * camera.K[1, 1] * true**2 / depth
     gradient = np.stack([su, sv, 1 - (su * x + sv * y) / depth], axis=1)
     variance = np.einsum("ni,nij,nj->n", gradient, cov, gradient)
-    return StructureErrors(depth - true, np.sqrt(np.maximum(variance, 0)))
+    stds = np.sqrt(np.maximum(variance, 0))
+    return StructureErrors(depth - true, stds, among[smooth], points * (true / depth)[:, None])
 
 
 class StructureComparison:
-    """Collects the depth errors of a run and their σ, eight bytes per point, but no depth images."""
+    """Collects the depth errors of a run and their σ, eight bytes per point, but no depth images; and `test_points`."""
 
     def __init__(self, camera: Camera) -> None:
-        self.camera = camera
+        self.camera, self.test_points = camera, TestPoints()
         self._errors_m, self._sigmas_m = array("f"), array("f")
 
     def add(self, estimate: FrameEstimate, true_depth_m: NDArray[np.floating] | None) -> StructureErrors | None:
@@ -93,10 +101,12 @@ class StructureComparison:
         """
         size = (self.camera.height, self.camera.width)
         if true_depth_m is None or true_depth_m.shape != size or len(estimate.points_in_cam) == 0:
+            self.test_points.add(estimate, np.zeros(0, np.intp), np.zeros((0, 3)))
             return None
         found = structure_errors(self.camera, estimate.points_in_cam, estimate.cov_points, true_depth_m)
         self._errors_m.extend(found.errors_m.tolist())
         self._sigmas_m.extend(found.sigmas_m.tolist())
+        self.test_points.add(estimate, found.rows, found.true_in_cam)
         return found
 
     def figures(self) -> dict[str, float]:

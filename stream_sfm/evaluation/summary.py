@@ -7,12 +7,14 @@ import numpy as np
 from ..types import Trajectory
 from . import trajectory as metrics
 from .association import check_rigid, matched
+from .global_structure import GLOBAL_FIGURES
 from .relative_consistency import RelativeRecord, against_truth, over_sigma
 from .structure import STRUCTURE_FIGURES, StructureComparison
 
 FIGURES = (  # of every run, against ground truth
     "ate_rmse_m", "ate_axes_m", "ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m",
-    "segment_lengths_m", "scale_error_percent", "nees_pose_mean", *STRUCTURE_FIGURES, "frames_compared",
+    "segment_lengths_m", "scale_error_percent", "nees_pose_mean", *STRUCTURE_FIGURES, *GLOBAL_FIGURES,
+    "frames_compared",
 )  # fmt: skip
 
 
@@ -49,7 +51,7 @@ def evaluate(
             nees = metrics.nees_pose(e, estimate.cov_pose[rows], t, std_truth)
             figures["nees_pose_mean"] = metrics.mean_of_known(nees)
     if structure is not None:
-        figures |= structure.figures()
+        figures |= structure.figures() | structure.test_points.figures(estimate, truth)
     return {key: _or_none(value) for key, value in figures.items()}
 
 

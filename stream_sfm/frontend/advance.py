@@ -4,6 +4,7 @@ import numpy as np
 
 from ..geometry import Array, se3
 from ..geometry.resection import Resection, SecondMotion
+from ..geometry.view_stages import RawViews
 from ..record import changed, record, rows_of
 from .alignment import learn_noise
 from .learnt.pair_check import Found
@@ -27,7 +28,7 @@ class Followed:
     """
 
     cam_from_previous: Array
-    z_px: Array
+    z_px: RawViews
     cov_px: Array
     found: Found | None = None
     second: SecondMotion | None = None
@@ -45,7 +46,7 @@ def advance(
 ) -> tuple[FrontEndState, Followed]:
     """Advance with the tracks that agree with a frame's motion, or with a second one unless that is of a body in front.
 
-    The returned views are not corrected for delay and readout. `alike`: a motion for which the scene looks the same.
+    `alike`: a motion for which the scene looks the same.
     """
     cam_from_start = se3.orthonormalise(motion.cam_from_ref @ state.cam_from_start)
     second = motion.second
@@ -53,7 +54,7 @@ def advance(
     rows = kept.nonzero()[0]
     # if most views fit badly, the frame is poor (blurred, for instance) rather than full of outliers
     z_px, cov_px = rows_of(seen.views.z_px, rows), motion.spread * rows_of(seen.views.cov_px, rows)
-    seen_px = z_px + rows_of(seen.views.taken_px, rows)
+    seen_px = seen.views.raw_px(rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
     now = changed(now, left_px=seen_px[:, :2].copy(), exposures=rows_of(seen.views.exposures, rows))
     ambiguity, other, settled = state.ambiguity.after(motion, seen.before, alike)

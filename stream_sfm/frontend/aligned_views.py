@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..geometry import Array
+from ..geometry.view_stages import RawViews, TimedViews
 from ..pictures.prepared import PreparedImages
 from ..record import record
 from .alignment import WIDE
@@ -28,11 +29,15 @@ class AlignedViews:
     rows: NDArray[np.int64]
     in_view: NDArray[np.bool_]
     points: Array
-    z_px: Array
+    z_px: TimedViews
     cov_px: Array
-    any_row_px: Array
+    any_row_px: TimedViews
     taken_px: Array
     exposures: Array
+
+    def raw_px(self, rows: NDArray[np.int64]) -> RawViews:
+        """Return some of the views as the images show them."""
+        return RawViews(self.z_px.take(rows, axis=0) + self.taken_px.take(rows, axis=0))
 
 
 def align(
@@ -60,4 +65,5 @@ def align(
         z_px, any_row_px = (
             np.where(_RIGHT & setup.unseen_in_right(px)[:, None], np.nan, px) for px in (z_px, any_row_px)
         )
-    return AlignedViews(rows, in_view, points, z_px, cov_px, any_row_px, taken_px, exposures)
+    views = TimedViews(z_px), cov_px, TimedViews(any_row_px)
+    return AlignedViews(rows, in_view, points, *views, taken_px, exposures)

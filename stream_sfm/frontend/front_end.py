@@ -15,6 +15,7 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..geometry import Array
 from ..geometry.resection import SecondMotion
+from ..geometry.view_stages import RawViews
 from ..pictures.checks import Suspicions
 from ..pictures.content import are_alike, image_note
 from ..pictures.prepared import PreparedImages
@@ -70,7 +71,7 @@ class StereoFrontEnd:
             errors=TemplateErrors.begun_by(rules.errors),
             ambiguity=AmbiguityMemory.none(rules.motion),
             start=StartCheck.of(rules.motion),
-            pair=PairCheck(rules=rules.pair),
+            pair=PairCheck.of(rules.pair),
             pictures=Suspicions.begun(rules),
         )
 
@@ -147,10 +148,10 @@ class StereoFrontEnd:
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of a frame that was followed, with the points that begin in it."""
         drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.slide_px)
-        z_new, cov_new = np.empty((0, 4)), np.empty((0, 4, 4))
+        z_new, cov_new = RawViews(np.empty((0, 4))), np.empty((0, 4, 4))
         if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
             state, z_new, cov_new = begin_points(self.setup, state, images)
-        z_px = np.concatenate([followed.z_px, z_new])
+        z_px = RawViews(np.concatenate([followed.z_px, z_new]))
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
         f_px, drifts_px = self.setup.projection.f_px, np.concatenate([drift_px, np.zeros(len(z_new))])
@@ -174,7 +175,7 @@ class StereoFrontEnd:
 
         Without `wait`, the tracks are dropped at once.
         """
-        rules, nothing = self.setup.rules, (np.empty((0, 4)), np.empty((0, 4, 4)))
+        rules, nothing = self.setup.rules, (RawViews(np.empty((0, 4))), np.empty((0, 4, 4)))
         waits = wait and state.may_wait(stamp_ns, rules.motion.max_gap_s)
         if waits and state.background_hidden:
             return self._observed(state, stamp_ns, *nothing, _HIDDEN)
@@ -192,7 +193,7 @@ class StereoFrontEnd:
         self,
         state: FrontEndState,
         stamp_ns: int,
-        z_px: Array,
+        z_px: RawViews,
         cov_px: Array,
         note: str,
         std_slides: tuple[Array, float] | None = None,
@@ -212,7 +213,7 @@ class StereoFrontEnd:
             frame_index=state.frame_index,
             stamp_ns=stamp_ns,
             track_ids=ids,
-            z_px=self.rig.corrected(z_px),
+            z_px=self.rig.as_refined(z_px),
             cov_px=cov_px,
             note=self._turn_note(state.turn_watch) or note or _misfit(state),
             lasting=LastingErrors(std_drift_px, errors.inflation, std_turn_rad),
@@ -268,7 +269,8 @@ def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | 
     """Return why a frame's motion may not be the camera's: another one may be, or left and right are inconsistent."""
     misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
     if other is not None:
-        return Ambiguity(other.cam_from_ref, other.cov_pose, misfit, other.lasted, of_start)
+        repeats = state.ambiguity.repeats
+        return Ambiguity(other.cam_from_ref, other.cov_pose, misfit, other.lasted, of_start, repeats)
     return Ambiguity(misfit=True, of_start=of_start) if misfit else None
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry import Array
 from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
+from ..geometry.view_stages import RawViews
 from ..pictures.prepared import PreparedImages
 from ..record import changed
 from .alignment import WIDE
@@ -23,7 +24,9 @@ def renews(frame_index: int, period: int) -> bool:
     return frame_index % period == 0
 
 
-def begin_points(setup: Setup, state: FrontEndState, images: PreparedImages) -> tuple[FrontEndState, Array, Array]:
+def begin_points(
+    setup: Setup, state: FrontEndState, images: PreparedImages
+) -> tuple[FrontEndState, RawViews, Array]:
     """Begin tracks where they are missing, and return their views (k, 4) and covariances (k, 4, 4)."""
     z_px, cov_px = np.empty((0, 4)), np.empty((0, 4, 4))
     cfg, rules = setup.config.frontend, setup.rules.points
@@ -37,7 +40,7 @@ def begin_points(setup: Setup, state: FrontEndState, images: PreparedImages) -> 
         matches = _match_wide(setup, state, images, int(2 * bare) - len(state.tracks))
         state, z_wide, cov_wide = _begin(setup, state, images, WIDE, *matches, rules.match_tolerance_px)
         z_px, cov_px = np.concatenate([z_px, z_wide]), np.concatenate([cov_px, cov_wide])
-    return state, z_px, cov_px
+    return state, RawViews(z_px), cov_px
 
 
 def detect_missing(setup: Setup, state: FrontEndState, images: PreparedImages) -> NDArray[np.int64]:

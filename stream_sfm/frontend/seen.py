@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry import Array
 from ..geometry.point_views import PointViews
+from ..geometry.view_stages import CorrectedViews, TimedViews
 from ..record import changed, record
 from ..rig_model.terms import by_turn
 from .aligned_views import AlignedViews
@@ -67,7 +68,7 @@ class Seen:
             setup.projection,
             before.points,
             cov_points,
-            views.z_px - known_px,
+            CorrectedViews(views.z_px - known_px),
             views.cov_px,
             setup.rules.robust,
             unknown_px,
@@ -77,12 +78,12 @@ class Seen:
 
     def by_left(self, turned: NDArray[np.bool_]) -> "Seen":
         """Return the same without right sides; `turned` (n,): the views whose right sides agree with a turn."""
-        views = changed(self.views, z_px=np.where(_LEFT, self.views.z_px, np.nan))
+        views = changed(self.views, z_px=TimedViews(np.where(_LEFT, self.views.z_px, np.nan)))
         return changed(self, views=views, point_views=self.point_views.by_left(), turned=turned)
 
     @property
-    def found_px(self) -> Array:
+    def found_px(self) -> TimedViews:
         """The views (n, 4) for the check of left against right, with the right sides that agree with a turn."""
         if self.turned is None:
             return self.views.z_px
-        return np.where(self.turned[:, None], self.views.any_row_px, self.views.z_px)
+        return TimedViews(np.where(self.turned[:, None], self.views.any_row_px, self.views.z_px))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..camera.pixels import FEWEST_BITS
 from ..config import Config
-from ..config.rules import Rules
+from ..config.rules import PairRules, Rules
 from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..pictures.checks import Suspicions
@@ -135,7 +135,7 @@ class FrontEndState:
     start: StartCheck = field(default_factory=StartCheck)
     pictures: Suspicions = field(default_factory=Suspicions)
     rows_waiting: Array | None = None
-    pair: PairCheck = field(default_factory=PairCheck)
+    pair: PairCheck = field(default_factory=lambda: PairCheck.of(PairRules()))
     map: MapState = field(default_factory=MapState)
 
     @property

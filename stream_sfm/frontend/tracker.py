@@ -54,7 +54,8 @@ def follow(
         state, motion = _agreed_motion(step, state, seen, rough.cam_from_previous)
     if motion is None:
         return state, None
-    return advance(step, learn(state, seen, motion, twist), seen, motion, rough.alike)
+    state = learn(state, seen, motion, twist)
+    return advance(step, state, seen, motion, rough.alike)
 
 
 def _without_turned(

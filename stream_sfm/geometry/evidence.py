@@ -4,6 +4,8 @@ Errors that the patches or views of a frame share make them one event. So the lo
 the whole frame, and independence is assumed between frames only.
 """
 
+import math
+
 from ..record import changed, record
 
 
@@ -35,6 +37,18 @@ class Evidence:
     def log_odds(self) -> float:
         """The log odds of being there, as the bound is minus the log of the prior odds of a change."""
         return self.bound - self.change if self.is_there else self.change - self.bound
+
+
+def ratio_of_share(agree: int, n: int, favour: float) -> float:
+    """Return the log-likelihood ratio, nats, of a frame in which some of n points agree, eq. (7c).
+
+    What the points of a frame show they share: the share s that agrees is one unknown of the frame. It has the density
+    a s^(a-1), a = `favour`, where points should agree, and otherwise any is as probable as any other.
+    """
+    if not n:
+        return 0.0
+    expected = math.log(favour) + math.lgamma(agree + favour) - math.lgamma(n + favour + 1)
+    return expected + math.lgamma(n + 2) - math.lgamma(agree + 1)
 
 
 def log_ratio(shown: float, variance: float, expected: float) -> float:

@@ -8,6 +8,7 @@ from ..config.robust_rules import RobustRules
 from .gates import chi2_gate
 from .se3 import Array
 from .stereo import StereoProjection
+from .view_stages import CorrectedViews
 
 ROBUST = RobustRules()
 
@@ -26,7 +27,7 @@ class PointViews:
         projection: StereoProjection,
         points: Array,
         cov_points: Array | None,
-        z_px: Array,
+        z_px: CorrectedViews,
         cov_px: Array,
         settings: RobustRules = ROBUST,
         shared: Array | None = None,
@@ -55,7 +56,7 @@ class PointViews:
     def select(self, rows: NDArray[np.bool_]) -> "PointViews":
         """Return the points and views of a mask (n,)."""
         cov_points = self.cov_points[rows] if len(self.cov_points) else None
-        seen = self.points[rows], cov_points, self.z_px[rows], self.cov_px[rows]
+        seen = self.points[rows], cov_points, CorrectedViews(self.z_px[rows]), self.cov_px[rows]
         return PointViews(self.projection, *seen, self.settings, self.shared[rows])
 
     def with_shared(self, shared: Array) -> "PointViews":
@@ -70,7 +71,7 @@ class PointViews:
 
     def by_left(self) -> "PointViews":
         """Return the same points with only the left sides of their views."""
-        left_px = np.where([True, True, False, False], self.z_px, np.nan)
+        left_px = CorrectedViews(np.where([True, True, False, False], self.z_px, np.nan))
         seen = self.points, self.cov_points, left_px, self.cov_px
         return PointViews(self.projection, *seen, self.settings, self.shared)
 

@@ -18,6 +18,7 @@ from ..geometry.linear import Cholesky
 from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection, resect
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
+from ..geometry.view_stages import CorrectedViews
 from ..motion import Motion
 from ..record import record
 from .keyframes import Image, Keyframe, smoothed, templates
@@ -110,7 +111,7 @@ class Verifier:
         z = z[rows]
         left, found, _ = patches.align(images[0], z[:, :2])
         right, both, _ = patches.align(images[1], left + z[:, 2:] - z[:, :2])
-        views = np.hstack([left, np.where(both[:, None], right, np.nan)])[found]
+        views = CorrectedViews(np.hstack([left, np.where(both[:, None], right, np.nan)])[found])
         rows = rows[found]
         if len(rows) < SETTINGS.min_views:
             return None

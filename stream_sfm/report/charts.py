@@ -177,6 +177,21 @@ def structure(runs: Sequence[RunRecord], unit: LengthUnit) -> Markup:
     return draw(Chart(title, "frame", label, series, note, log_y=True))
 
 
+def test_points(runs: Sequence[RunRecord], truth: Trajectory | None, unit: LengthUnit) -> list[Markup]:
+    """Chart the errors of test points in the world, the paper's Figure 7 (c); nothing without depth images."""
+    series = []
+    for run in runs:
+        if run.structure is None or truth is None:
+            continue
+        stamps_ns, error, _ = run.structure.test_points.errors(run.trajectory(), truth)
+        frames, of_frame = np.unique(np.searchsorted(run.stamps_ns, stamps_ns), return_inverse=True)
+        if len(frames):
+            squares = np.bincount(of_frame, (error**2).sum(axis=1)) / np.bincount(of_frame)
+            series.append(_line(of_method(run.name), frames.astype(float), unit.per_m * np.sqrt(squares)))
+    title, note = "Error of test points in the world", "those in view, RMS; first poses aligned"
+    return [draw(Chart(title, "frame", unit.name, series, note, zero=True))] if series else []
+
+
 def lives(front: FrontRecord) -> Markup:
     """Return the lives of the tracks, the paper's Figure 3: one line per point, in order of the first frame."""
     spans = list(front.lives.values())

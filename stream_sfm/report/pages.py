@@ -32,6 +32,7 @@ from ..types import Status, Trajectory
 from . import charts
 from .charts import Traces, traces_of
 from .inertia import inertial_rows
+from .matches import matches
 from .numbers import figures_of
 from .records import OF_RUN, Comparison, RunRecord
 from .svg import Chart, Series, draw
@@ -74,6 +75,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
     errors, local, more = units[ERRORS], units[STRUCTURE], []
     if traces:
         more = [charts.errors(traces, 1, errors), charts.structure(c.runs, local)]
+        more += charts.test_points(c.runs, c.truth.poses, local)
     return render(
         "compare.html.j2",
         title=c.log,
@@ -92,6 +94,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         charts=_charts(c, content, traces, errors),
         more_charts=more,
         lives=charts.lives(c.front),
+        matches=matches(c.needles),
         masks=charts.masks(masked_by(c.config, c.rig)),
         statuses=[(look.name, {s: r.count(s) for s in Status}) for look, r in zip(looks, c.runs, strict=True)],
         warnings=list(dict.fromkeys([*(content["health"].get("problems") or ()), *content["warnings"]])),

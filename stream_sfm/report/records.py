@@ -28,6 +28,7 @@ from ..rig_model.estimate import RigEstimate
 from ..system.wording import counted
 from ..types import FrameEstimate, InertialEstimate, RigChange, Status, Trajectory
 from .inertia import describe_inertia
+from .matches import Needles
 
 STAGES = ("decode", "frontend", "estimator", "total")
 _OF_ESTIMATE = ("nis", "nis_dof")  # numbers of each frame that are in its estimate
@@ -370,8 +371,8 @@ class Comparison:
 
     `inspection` as `inspect_log` returns it, or empty; `self_test`: its result, if it was run;
     `calibration`: the findings of the images about it, as in summary.json; `loops` (n, 2, 3): ends of the lines of
-    loops. `halves`: by method, if they were also estimated from halves of the tracks.
-    `as_is`: each method had the calibration of the log.
+    loops; `needles`: the matches of one frame. `halves`: by method, if they were also estimated from halves of the
+    tracks. `as_is`: each method had the calibration of the log.
     """
 
     log: str
@@ -387,5 +388,6 @@ class Comparison:
     self_test: dict[str, list[dict[str, Any]]] | None = None
     calibration: dict[str, Any] | None = None
     loops: Array = field(default_factory=lambda: NO_LOOPS)
+    needles: Needles | None = None
     halves: dict[str, HalvesRecord] = field(default_factory=dict)
     as_is: bool = False

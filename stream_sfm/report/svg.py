@@ -130,6 +130,30 @@ def lifetimes(title: str, spans: Sequence[Sequence[int]], note: str) -> Markup:
     return figure(title, note, _svg(canvas, title), kind="wide")
 
 
+def needles(title: str, note: str, image: NDArray[Any], groups: Sequence[tuple[str, str, NDArray[Any]]]) -> Markup:
+    """Return a `<figure>` with lines on a grey image (h, w), from a dot to their other end.
+
+    `groups`: name, colour, and ends (n, 2, 2) in px of the image, the dot second.
+    """
+    (height, width), every = image.shape, max(1, round(image.shape[1] / _WIDTH_PX))
+    canvas, axes = _axes("", "", (False, False), height_px=round(_WIDTH_PX * height / width))
+    canvas.set_layout_engine(None)
+    axes.set_position((0, 0, 1, 1))
+    axes.set_axis_off()
+    rows, columns = height // every, width // every
+    small = image[: rows * every, : columns * every].reshape(rows, every, columns, every).mean(axis=(1, 3))
+    low, high = np.percentile(small, (1, 99))
+    pale = 0.35 + 0.65 * np.clip((small - low) / max(high - low, 1.0), 0, 1)  # needles stand out
+    extent = (-0.5, columns * every - 0.5, rows * every - 0.5, -0.5)
+    axes.imshow(pale, cmap="gray", vmin=0, vmax=1, extent=extent, interpolation="nearest")
+    for _, colour, ends in groups:
+        lines = np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2)
+        axes.plot(*lines.T, color=_COLOUR[colour], lw=1.6)
+        axes.plot(*ends[:, 1].T, "o", color=_COLOUR[colour], ms=3.4, mec="none")
+    axes.set(xlim=extent[:2], ylim=extent[2:])
+    return figure(title, note, _svg(canvas, title), [(name, colour) for name, colour, ends in groups if len(ends)])
+
+
 def figure(
     title: str, note: str, content: Markup, names: Sequence[tuple[str, str]] = (), kind: str = "chart"
 ) -> Markup:

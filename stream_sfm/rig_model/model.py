@@ -9,6 +9,7 @@ from ..camera.refinement import KnownTiming, Refinement
 from ..config import RigConfig
 from ..geometry import Array
 from ..geometry.stereo import StereoProjection, places_over_image
+from ..geometry.view_stages import RawViews
 from ..record import changed, record
 from .estimate import CERTAIN, Amplitudes, RigEstimate
 from .field import NO_FIELD, WORTH_ESTIMATING, Field, field_over
@@ -197,9 +198,9 @@ class RigModel:
             root[focal] = -age_s * root[at] * unit[at] / unit[focal]
         return root
 
-    def corrected(self, z_px: Array) -> Array:
-        """Return views (n, 4) without the known errors."""
-        return z_px - columns(self.projection, z_px) @ self.known if self.known.any() else z_px
+    def as_refined(self, z_px: RawViews) -> RawViews:
+        """Return views (n, 4) without the errors that the rig's refinement knows."""
+        return RawViews(z_px - columns(self.projection, z_px) @ self.known) if self.known.any() else z_px
 
     def in_units(self, estimate: RigEstimate) -> RigEstimate:
         """Return an estimate of amplitudes as the current error of the calibration, in units of its terms and px."""

@@ -32,6 +32,7 @@ from ..system.outputs import RESULTS, refuse_overwriting
 from ..types import FrameEstimate, Selection, Sink
 from .lane import Lane
 from .loop import Check, RunOutcome, run
+from .needles import NeedlesOfFrame
 from .self_test import MOST_FRAMES, Halves, SelfTest
 from .stored import StoredObservations
 from .summary import summarise
@@ -76,10 +77,9 @@ def compare(
 
     The first pass observes all frames and finds the calibration errors with the window. The second gives all
     methods, the window included, the same observations without these errors from the first frame on, as if the
-    calibration were exact. The window of the first pass is a row of its own: it finds the errors on the way, as in a
-    replay. With `rig.exact` no errors are sought. `as_is`: each method uses the calibration of the
-    log instead, and estimates its errors itself if it can; the window then has two rows, for its poses and for its
-    newest motions added up.
+    calibration were exact. The window of the first pass is a row of its own, as in a replay. With `rig.exact`
+    no errors are sought. `as_is`: each method uses the calibration of the log instead, and estimates its errors itself
+    if it can; the window then has two rows: its poses, and its newest motions added up.
 
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with its own folder; None:
     those of `compared_on`. `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is
@@ -87,8 +87,7 @@ def compare(
     `replay`. `sinks` get the estimates of the first method, for which images are read a second time, and are closed
     at the end. `on_frame` is called after each frame of each pass. `loops`: also show the first method with closed
     loops, which needs the extra map. An interruption ends the first pass, and the observations so far are still
-    estimated; a second one ends that. Raises LogError if no frame can be read, ConfigError for an unknown method,
-    OutputError.
+    estimated; a second one ends that. Raises LogError if no frame can be read, ConfigError, OutputError.
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
@@ -149,6 +148,7 @@ class _Comparing:
                 Lane(c, reporting, self._depth, folder and folder / key_of(c.method), True) for c in of_methods
             ]
         self._stored = StoredObservations(self._finder)
+        self._needles = NeedlesOfFrame(observer, (selection.count(log.expected_frames) or 0) // 2)
 
     def close(self) -> None:
         """Remove what is stored."""
@@ -186,12 +186,12 @@ class _Comparing:
 
     def _observe(self, counter: "_Counter") -> RunOutcome:
         """Make the first pass: all observations, and the calibration errors."""
-        checks = (self._stored, counter)
+        checks = (self._stored, self._needles, counter)
         with deferred_interrupts() as interruption:
             return run(
                 self._log,
                 self._finder,
-                (),
+                (self._needles,),
                 checks,
                 selection=self._selection,
                 interruption=interruption,
@@ -242,7 +242,7 @@ class _Comparing:
         found.complete, found.interrupted = stats.complete and outcome.complete, outcome.interrupted
         observer = self._finder.observer
         found.calibration = None if rig is None else describe(observer.projection, rig, observer.state.rows)
-        found.runs = [lane.record for lane in self._lanes]
+        found.runs, found.needles = [lane.record for lane in self._lanes], self._needles.found
         if found.truth.poses is not None:
             stamps_ns = max(found.runs, key=len).stamps_ns
             poses = without_frames(found.truth.poses, stamps_ns, found.truth.ignored)

@@ -10,7 +10,7 @@ from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -22,7 +22,6 @@ from .measure import NORMALISED, QUANTITIES, Measured, Method, measure
 from .scenes import Scene
 
 EXPECTED = dict(zip(NORMALISED, (6.0, 3.0, 3.0), strict=True))
-Result = TypeVar("Result")
 Progress = Callable[[int], None]  # called with the number of trials just finished
 Report = dict[str, Any]
 Pool = Callable[[], AbstractContextManager[Executor | None]]  # starts an executor; None: in this process
@@ -35,40 +34,26 @@ class Outcome(NamedTuple):
     trials: int
 
 
-def run_trials(
-    job: Callable[[np.random.SeedSequence], Result],
-    trials: int,
-    seed: int,
-    executor: Executor | None = None,
-    progress: Progress | None = None,
-) -> list[Result]:
-    """Return the results of `job`, a picklable function of the seed of a trial, in order; None: in this process."""
-    ((_, found),) = _run_all({"": (job, trials)}, seed, executor, progress).items()
-    return found
-
-
 def _run_all(
-    jobs: Mapping[str, tuple[Callable[[np.random.SeedSequence], Result], int]],
+    jobs: Mapping[str, tuple[Callable[[np.random.SeedSequence], Measured], int]],
     seed: int,
     executor: Executor | None,
     progress: Progress | None,
-    kept: dict[str, list[Result]] | None = None,
-) -> dict[str, list[Result]]:
-    """Return the results of jobs, each with a number of trials; all jobs are always at the same share of their trials.
+    kept: dict[str, list[Measured]],
+) -> None:
+    """Run jobs, each with a number of trials, so that all of them are always at the same share of these.
 
     `kept` gets each result as soon as it is there, so that they survive an interruption.
     """
-    results = {name: list[Result]() for name in jobs} if kept is None else kept
     seeds = {name: np.random.SeedSequence(seed).spawn(trials) for name, (_, trials) in jobs.items()}
     order = sorted(((n + 1) / len(of), name, n) for name, of in seeds.items() for n in range(len(of)))
     calls = [(name, jobs[name][0], seeds[name][n]) for _, name, n in order]
     # not `executor.map`: it cancels what an interruption leaves, and a pool that is killed then reports an error
     asked = [executor.submit(job, own) for _, job, own in calls] if executor else None
     for k, (name, job, own) in enumerate(calls):
-        results[name].append(job(own) if asked is None else asked[k].result())
+        kept[name].append(job(own) if asked is None else asked[k].result())
         if progress:
             progress(1)
-    return results
 
 
 def stacked(trials: list[Measured]) -> Measured:

@@ -6,32 +6,17 @@ from stream_sfm.cli.summaries import print_summary
 
 _TIMES = dict.fromkeys(("p50", "p95", "max"), 1.0)
 _SUMMARY = {
-    "log": "a.mcap",
-    "method": "cross-frame",
-    "complete": True,
-    "unscaled": False,
-    "frames": dict.fromkeys(("estimated", "paired", "degraded", "lost", "dropped"), 1),
-    "path_length_m": 1.0,
-    "duration_s": 1.0,
-    "timing_ms": dict.fromkeys(("total", "decode", "frontend", "estimator"), _TIMES),
-    "peak_rss_mib": 100.0,
-    "frames_per_s": 20.0,
-    "cpu_s": 1.0,
-}
+    "log": "a.mcap", "method": "cross-frame", "complete": True, "unscaled": False,
+    "frames": dict.fromkeys(("estimated", "paired", "degraded", "lost", "dropped"), 1), "path_length_m": 1.0,
+    "duration_s": 1.0, "timing_ms": dict.fromkeys(("total", "decode", "frontend", "estimator"), _TIMES),
+    "peak_rss_mib": 100.0, "frames_per_s": 20.0, "cpu_s": 1.0,
+}  # fmt: skip
 _IMU = {
-    "frames": 90,
-    "dead_reckoned": 20,
-    "std_tilt_rad": 0.002,
-    "scale_percent": -1.14,
-    "std_scale_percent": 0.08,
-    "axes_rad": [-0.017, 0.001, 0.0],
-    "std_axes_rad": [0.0005, 0.0004, 0.0003],
-    "time_offset_s": -0.005,
-    "std_time_offset_s": 2e-5,
-    "gyro_bias_rad_s": [-0.025, 0.003, 0.0],
-    "accel_bias_m_s2": [0.03, 0.0, -0.06],
+    "frames": 90, "dead_reckoned": 20, "std_tilt_rad": 0.002, "scale_percent": -1.14, "std_scale_percent": 0.08,
+    "axes_rad": [-0.017, 0.001, 0.0], "std_axes_rad": [0.0005, 0.0004, 0.0003], "time_offset_s": -0.005,
+    "std_time_offset_s": 2e-5, "gyro_bias_rad_s": [-0.025, 0.003, 0.0], "accel_bias_m_s2": [0.03, 0.0, -0.06],
     "densities_over_data_sheet": [1.7, 8.0],
-}
+}  # fmt: skip
 
 
 def test_table_shows_axes_clock_scale_and_noise_of_an_inertial_unit(capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,12 +56,9 @@ def test_sigma_of_motions_is_shown_in_two_figures(capsys: pytest.CaptureFixture[
 def test_a_place_less_certain_than_the_path_is_long_is_unknown(capsys: pytest.CaptureFixture[str]) -> None:
     """After a long loss that no view bridges; one of them may be known without the other."""
     end = {
-        "position_m": [1.0, 2.0, 3.0],
-        "std_position_m": 18.0,
-        "std_position_percent": 520.0,
-        "heading_deg": -126.53,
-        "std_heading_deg": 455.0,
-    }
+        "position_m": [1.0, 2.0, 3.0], "std_position_m": 18.0, "std_position_percent": 520.0,
+        "heading_deg": -126.53, "std_heading_deg": 455.0,
+    }  # fmt: skip
     print_summary(_SUMMARY | {"end": end}, None, stages=False)
     shown = capsys.readouterr().out
     assert "unknown, σ 18 m, more than the path" in shown and "heading unknown" in shown

@@ -15,7 +15,7 @@ from stream_sfm.rig_model.terms import TERMS
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.uniform(0, 255, (60, 80)).astype(np.float32)
-N, SIDE, K2 = 7, 27, 25
+N, SIDE = 7, 27
 PIXELS = RNG.integers(-20, 100, (N, 2))
 STARTS = RNG.uniform(-20, 100, (N, 2))
 INNER = np.stack([np.arange(20, 20 + 6 * N, 6), np.arange(20, 20 + 3 * N, 3)], axis=1)
@@ -39,47 +39,25 @@ EXPOSED = Record(size_px=(80.0, 60.0), coefficients=RNG.normal(size=(2, 3, 3)))
 RIGHT_SIDES = Record(rows=ROWS, turn_rad=np.ones(3), twist=np.ones(6))
 TIMING = Record(row_of=EXPOSED, mean=np.ones(2), cov=np.eye(2), twist=np.ones(6))
 TEMPLATES = Record(
-    scale=1,
-    spacing_px=2,
-    config=Record(window_radius_px=4, max_realignment_px=3.0, max_photometric_error=20.0),
-    noise=Record(shared_pixels=4.0, factor=1.0),
-    rules=TemplateRules(),
-)
+    scale=1, spacing_px=2, config=Record(window_radius_px=4, max_realignment_px=3.0, max_photometric_error=20.0),
+    noise=Record(shared_pixels=4.0, factor=1.0), rules=TemplateRules(),
+)  # fmt: skip
 POINT_RULES = PointRules(std_grey=4.0, max_halves_apart_px=2.0)
 RULES = RobustRules(second_views=4)
 TRACKS = Record(
-    points=POINTS,
-    var_rho=np.ones(N),
-    cov_left_px=COV[:, :2, :2],
-    anchor_from_start=MOTIONS,
-    anchor_velocity_px_s=STARTS,
-    slopes=STARTS,
-    exposures=1 + STARTS,
-    scale=np.ones(N, int),
-)
+    points=POINTS, var_rho=np.ones(N), cov_left_px=COV[:, :2, :2], anchor_from_start=MOTIONS,
+    anchor_velocity_px_s=STARTS, slopes=STARTS, exposures=1 + STARTS, scale=np.ones(N, int),
+)  # fmt: skip
 AXES = Record(rotation=np.eye(3), std_scale=0.1, std_axes_rad=0.1)
 BYTES, BYTES_STORED = IMAGE.astype(np.uint8), STORED.astype(np.uint8)
 STATE = Record(
-    cams_from_ref=MOTIONS[:2],
-    ids=SLOTS,
-    ref_from_anchor=MOTIONS,
-    q=POINTS[:, :3],
-    rig_error=np.zeros(8),
+    cams_from_ref=MOTIONS[:2], ids=SLOTS, ref_from_anchor=MOTIONS, q=POINTS[:, :3], rig_error=np.zeros(8),
     own=np.zeros((2, 1)),
-)
+)  # fmt: skip
 SEEN = Record(
-    frame=SLOTS % 2,
-    ids=SLOTS,
-    used=SLOTS > 0,
-    z_px=VIEWS,
-    weight=np.ones((N, 4)),
-    root=COV,
-    own=SHARED[..., :1],
-    terms=SHARED,
-    timing=np.zeros((N, 4, 0)),
-    field=FIELD,
-    moves=MOVES,
-)
+    frame=SLOTS % 2, ids=SLOTS, used=SLOTS > 0, z_px=VIEWS, weight=np.ones((N, 4)), root=COV, own=SHARED[..., :1],
+    terms=SHARED, timing=np.zeros((N, 4, 0)), field=FIELD, moves=MOVES,
+)  # fmt: skip
 
 
 def but(record: Record, **others: object) -> Record:
@@ -95,22 +73,14 @@ PRIOR = Record(
     rig=Record(information=np.eye(8), weighted=np.ones(8)),
 )
 PART = Record(
-    root=COV[:, :3, :3],
-    reach=SHARED[:, :3],
-    covariant=SHARED[:, :3],
-    with_both=np.zeros((N, 3, 12)),
+    root=COV[:, :3, :3], reach=SHARED[:, :3], covariant=SHARED[:, :3], with_both=np.zeros((N, 3, 12)),
     both=np.eye(12),
-)
+)  # fmt: skip
 INTERVALS = Record(
-    rotation=np.tile(np.eye(3), (2, 1, 1)),
-    motion=np.zeros((2, 6)),
-    by_bias=np.zeros((2, 9, 6)),
-    by_clock=np.zeros((2, 9)),
-    cov=np.tile(np.eye(9), (2, 1, 1)),
-    biases=np.zeros((2, 6)),
-    clock=np.zeros(2),
+    rotation=np.tile(np.eye(3), (2, 1, 1)), motion=np.zeros((2, 6)), by_bias=np.zeros((2, 9, 6)),
+    by_clock=np.zeros((2, 9)), cov=np.tile(np.eye(9), (2, 1, 1)), biases=np.zeros((2, 6)), clock=np.zeros(2),
     seconds=np.full(2, 0.1),
-)
+)  # fmt: skip
 ONE_INTERVAL = Record(**{name: array[:1] for name, array in vars(INTERVALS).items()})
 
 # Each function with valid arguments
@@ -137,13 +107,8 @@ CALLS = {
     "view_inflation": (SLOTS, 0.5, 1.0, 0.92, ErrorRules()),
     "warp_patches": (STORED, SLOTS, WARPS, 4, 2, TemplateRules()),
     "align_patches": (
-        IMAGE,
-        STARTS,
-        *core.warp_patches(STORED, SLOTS, WARPS, 4, 2, TemplateRules()),
-        np.tile([1.0, 0.0], (N, 1)),
-        4,
-        2,
-        TemplateRules(),
+        IMAGE, STARTS, *core.warp_patches(STORED, SLOTS, WARPS, 4, 2, TemplateRules()), np.tile([1.0, 0.0], (N, 1)),
+        4, 2, TemplateRules(),
     ),
     "_predict_tracks": (PINHOLES, TIMING, np.ones(6), TRACKS, np.eye(4), np.eye(4), STARTS, np.ones(N, bool)),
     "update_depths": (PINHOLES, TRACKS, np.eye(4), VIEWS, COV, 1.1),
@@ -152,16 +117,7 @@ CALLS = {
     "_view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0, TemplateRules()),
     "template_drift": (POINTS, np.eye(4), np.ones(N, int), 10.0),
     "match_new_points": (
-        IMAGE,
-        IMAGE,
-        STORED,
-        TEMPLATES,
-        RIGHT_SIDES,
-        PIXELS,
-        SLOTS,
-        STARTS[:, 0],
-        3.0,
-        POINT_RULES,
+        IMAGE, IMAGE, STORED, TEMPLATES, RIGHT_SIDES, PIXELS, SLOTS, STARTS[:, 0], 3.0, POINT_RULES,
     ),
     "linearise_views": (OF_VIEWS, np.eye(4)),
     "view_residuals": (OF_VIEWS, COV, np.ones(2), np.eye(4)[None]),
@@ -176,28 +132,14 @@ CALLS = {
     "timing_of_views": (PINHOLES, EXPOSED, STATE, SEEN, VIEWS, np.ones((2, 2, 6)), np.ones(2)),
     "field_basis": (GRID, STARTS),
     "rig_mixture": (
-        np.ones(9),
-        np.eye(9),
-        np.full(9, 2.0),
-        3,
-        np.eye(2, 4) > 0,
-        np.log([0.5, 0.5]),
-        0.5,
-        0.25,
-        0.05,
-        False,
+        np.ones(9), np.eye(9), np.full(9, 2.0), 3, np.eye(2, 4) > 0, np.log([0.5, 0.5]), 0.5, 0.25, 0.05, False,
     ),
     "row_terms": (PINHOLES, GRID, STARTS, np.ones(N)),
     "_on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
     "_gradient_matrices": (COV[:, :3, :3], 2),
     "align_tracks": (
         *(
-            RIGHT_SIDES,
-            TIMING,
-            but(TRACKS, scale=1 + 3 * (SLOTS % 2)),
-            SLOTS,
-            *2 * (np.eye(4),),
-            INNER / 1.0,
+            RIGHT_SIDES, TIMING, but(TRACKS, scale=1 + 3 * (SLOTS % 2)), SLOTS, *2 * (np.eye(4),), INNER / 1.0,
             SLOTS < 9,
         ),
         Record(left=BYTES, right=BYTES, stored=BYTES_STORED, area=BYTES > 0, kind=TEMPLATES),
@@ -261,7 +203,7 @@ CALLS = {
         *(SLOTS, COV[:, :3, :3], FIELD[:, None] * np.ones((N, 3, 3)), POINTS[:, :3], POINTS[:, :3], SLOTS > 2),
         *(SLOTS[:2], POINTS[:2, :3], COV[:2, :3, :3], np.ones((2, 3, 2))),
     ),
-}
+}  # fmt: skip
 VALUES = (np.nan, np.inf, -np.inf, 1e300, -1e300)
 
 
@@ -338,23 +280,8 @@ def _other(rng: random.Random, argument: object) -> object:
 
 
 _NUMBERS = (
-    np.nan,
-    np.inf,
-    -np.inf,
-    1e300,
-    -1e300,
-    0,
-    1,
-    -1,
-    2,
-    3,
-    1001,
-    2**31 - 1,
-    -(2**31),
-    2**62,
-    -(2**62),
-    1e-300,
-)
+    np.nan, np.inf, -np.inf, 1e300, -1e300, 0, 1, -1, 2, 3, 1001, 2**31 - 1, -(2**31), 2**62, -(2**62), 1e-300,
+)  # fmt: skip
 
 
 def attack(rng: random.Random) -> None:

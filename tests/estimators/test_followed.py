@@ -9,9 +9,9 @@ from stream_sfm.config.rules import Rules
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.triangulation import points_to_world
 from stream_sfm.estimators.window.cross_frame import CrossFrame
-from stream_sfm.estimators.window.followed import followed
-from stream_sfm.estimators.window.marginals import Marginals
-from stream_sfm.estimators.window.relative import newest_motion
+from stream_sfm.estimators.window.reported.followed import followed
+from stream_sfm.estimators.window.reported.marginals import Marginals
+from stream_sfm.estimators.window.reported.relative import newest_motion
 from stream_sfm.geometry import se3
 from stream_sfm.record import changed
 from stream_sfm.simulation.scenes import Scene

@@ -1,5 +1,7 @@
 """The gate at the joint minimum: a view's covariance contains the slides of its patch, eq. (26a)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from stream_sfm import core
 from stream_sfm.estimators.window.inverse_depth import State, WhitenedViews, slides_px2
 from stream_sfm.geometry.gates import chi2_gate
 from stream_sfm.geometry.stereo import StereoProjection
+from tests.helpers.estimators import window_views
 
 PROJECTION = StereoProjection(
     f_px=400.0, cx_left_px=319.5, cx_right_px=319.5, cy_px=239.5, baseline_m=0.12, width=640, height=480
@@ -24,22 +27,11 @@ def sliding(rng: np.random.Generator, weight: float = 1.0) -> tuple[State, White
     walk = np.cumsum(rng.normal(0, SLIDE_PX, (FRAMES, POINTS, 4)), axis=0)
     seen = PROJECTION.project(np.column_stack([q[:, :2], np.ones(POINTS)]) / q[:, 2:])
     z = seen + walk - walk[FRAMES // 2] + rng.normal(0, STD_PX, walk.shape)
-    n, along = FRAMES * POINTS, (SLIDE_PX / PROJECTION.f_px) ** 2
-    return state, WhitenedViews(
-        frame=np.repeat(np.arange(FRAMES), POINTS),
-        ids=np.tile(np.arange(POINTS), FRAMES),
-        z_px=z.reshape(n, 4),
-        root=np.tile(weight * np.eye(4) / STD_PX, (n, 1, 1)),
-        weight=np.full((n, 4), weight),
-        used=np.ones(n, bool),
-        stereo=np.ones(n, bool),
-        expected_px=np.zeros((n, 4)),
-        var_drift=np.full((n, 3), along),
-        own=np.zeros((n, 4, 0)),
-        terms=np.zeros((n, 4, 0)),
-        timing=np.zeros((n, 4, 0)),
-        field=np.zeros((n, 0)),
-    )
+    n = FRAMES * POINTS
+    root, frame = np.tile(weight * np.eye(4) / STD_PX, (n, 1, 1)), np.repeat(np.arange(FRAMES), POINTS)
+    views = window_views(frame, np.tile(np.arange(POINTS), FRAMES), z.reshape(n, 4), root, np.zeros((n, 4, 0)))
+    along = np.full((n, 3), (SLIDE_PX / PROJECTION.f_px) ** 2)
+    return state, replace(views, weight=np.full((n, 4), weight), var_drift=along)
 
 
 @pytest.mark.parametrize("weight", [1.0, 0.4])

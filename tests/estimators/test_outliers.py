@@ -12,6 +12,7 @@ from stream_sfm.estimators.window.outliers import Rejections
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import Observations, Status
+from tests.helpers.estimators import window_views
 
 
 def spoiled(
@@ -73,21 +74,8 @@ def right_columns(n: int, std_px: float) -> WhitenedViews:
     """Views (n) with this σ, and a rig whose only error shifts the right sides by 1 px along their rows."""
     terms = np.zeros((n, 4, 1))
     terms[:, 2] = 1.0
-    return WhitenedViews(
-        frame=np.zeros(n, np.intp),
-        ids=np.arange(n),
-        z_px=np.zeros((n, 4)),
-        root=np.tile(np.eye(4) / std_px, (n, 1, 1)),
-        weight=np.ones((n, 4)),
-        used=np.ones(n, bool),
-        stereo=np.ones(n, bool),
-        expected_px=np.zeros((n, 4)),
-        var_drift=np.zeros((n, 3)),
-        own=np.zeros((n, 4, 0)),
-        terms=terms,
-        timing=np.zeros((n, 4, 0)),
-        field=np.zeros((n, 0)),
-    )
+    root = np.tile(np.eye(4) / std_px, (n, 1, 1))
+    return window_views(np.zeros(n, np.intp), np.arange(n), np.zeros((n, 4)), root, terms)
 
 
 def test_tracks_rejected_with_another_rig_are_tried_again() -> None:

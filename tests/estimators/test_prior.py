@@ -8,9 +8,9 @@ import pytest
 
 from stream_sfm.core import NormalBlocks
 from stream_sfm.estimators.window.inverse_depth import State, linearise
-from stream_sfm.estimators.window.marginals import Marginals
 from stream_sfm.estimators.window.normal_equations import CovariancePart, System
 from stream_sfm.estimators.window.prior import Prior
+from stream_sfm.estimators.window.reported.marginals import Marginals
 from stream_sfm.estimators.window.rig_state import RigState
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection

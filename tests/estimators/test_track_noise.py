@@ -10,7 +10,7 @@ from stream_sfm.config import Config
 from stream_sfm.config.reported_rules import ReportedRules
 from stream_sfm.config.rules import Rules
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.window.track_noise import TrackNoise
+from stream_sfm.estimators.window.reported.track_noise import TrackNoise
 from stream_sfm.geometry import se3
 from stream_sfm.record import changed
 from stream_sfm.simulation.scenes import Scene
@@ -81,7 +81,7 @@ def test_squares_are_those_of_expected_views():
     for o in sequence.observations:
         estimator.step(o)
     current = estimator.map
-    views, state = current.views, current.state()
+    views, state = current.views, current.state
     used = views.used & (np.arange(len(views)) % 5 > 0)
     own = changed(views, used=used, root=views.root * 0.5, weight=views.weight * 0.5)
     squares, values = core.squares_of_tracks(current.projection, state, own)

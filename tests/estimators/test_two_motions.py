@@ -10,6 +10,7 @@ from stream_sfm.estimators.window.doubt import Doubt, InQuestion
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.resection import Resection, SecondMotion
 from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.record import changed
 from stream_sfm.types import Ambiguity, Observations, Status
 from tests.helpers.estimators import nees
 
@@ -94,11 +95,11 @@ def test_a_settled_doubt_no_longer_counts() -> None:
 
 
 def test_what_later_tracks_do_not_confirm_stays_in_doubt() -> None:
-    """The same points get new tracks at frame 6: at frame 8, none shows how the camera moved in frames 3 to 5."""
+    """The same points get new tracks at frame 5: in frame 6, none shows how the camera moved in frames 3 to 5."""
     frames, _ = observations(10, moves_from=99)
     other = Ambiguity(se3.exp(-OWN) @ se3.inverse(STEP), 1e-8 * np.eye(6))
     std_m, in_world = {}, {}
-    for anew_at in (6, 99):
+    for anew_at in (5, 99):
         estimator, runs = CrossFrame(P, Config()), []
         for k, o in enumerate(frames):
             old, new = np.arange(160), np.arange(160, 320)
@@ -110,19 +111,31 @@ def test_what_later_tracks_do_not_confirm_stays_in_doubt() -> None:
             runs.append(estimator.step(replace(seen, cam_from_previous=start, settled=k == 8)))
         std_m[anew_at] = np.sqrt(np.trace(runs[-1].cov_pose[:3, :3]))
         in_world[anew_at] = np.linalg.eigvalsh(runs[-1].cov_points_in_world).mean()
-    assert std_m[6] > 3 * np.linalg.norm(OWN[:3]) and std_m[99] < 0.01
-    assert in_world[6] > 0.01 > 10 * in_world[99]
+    assert std_m[5] > 3 * np.linalg.norm(OWN[:3]) and std_m[99] < 0.01
+    assert in_world[5] > 0.01 > 10 * in_world[99]
 
 
 def test_the_path_to_the_last_unconfirmed_motion_stays_in_doubt() -> None:
     ids = np.arange(40)
     motions = tuple(InQuestion(ids[k : k + 12], (k + 1.0) * np.eye(6)) for k in range(4))
     doubt = Doubt(cov=4 * np.eye(6), frames=4, motions=motions)
+    alone = Resection(STEP, np.eye(6), np.ones(40, bool), 0.0, 34, 1.0, True, np.zeros(40))
     for first, confirmed in ((0, 4), (1, 3), (3, 1), (4, 0)):
-        after, n = doubt.settled(ids[first:])
+        seen, _ = doubt.with_second(alone, np.full(6, 0.1), np.eye(4), ids[first:])
+        later, _ = seen.with_second(alone, np.full(6, 0.1), np.eye(4), ids[:0])  # the first frame counts
+        after, n = later.settled(ids[first:])
         assert n == confirmed and not after.cov.any() and not after.motions
         assert np.array_equal(after.cov_left, (4 - confirmed) * np.eye(6))
         assert np.array_equal(after.of_newest(np.eye(4)), after.cov_left)
+
+
+def test_if_the_tracks_after_an_ambiguity_have_gone_nothing_is_confirmed() -> None:
+    """The motion that has proved to be the camera's may then be that of others than those followed."""
+    ids = np.arange(40)
+    doubt = Doubt(cov=np.eye(6), frames=1, motions=(InQuestion(ids, np.eye(6)),), after=ids)
+    assert doubt.settled(ids[28:])[1] == 1
+    left, confirmed = doubt.settled(ids[29:])
+    assert confirmed == 0 and np.array_equal(left.cov_left, np.eye(6))
 
 
 def test_the_memory_of_motions_in_question_is_bounded() -> None:
@@ -133,7 +146,8 @@ def test_the_memory_of_motions_in_question_is_bounded() -> None:
     for _ in range(200):
         doubt, _ = doubt.with_second(motion, np.full(6, 0.1), np.eye(4), ids)
     assert len(doubt.motions) < 200
-    after, confirmed = doubt.settled(ids)
+    alone = changed(motion, second=None)
+    after, confirmed = doubt.with_second(alone, np.full(6, 0.1), np.eye(4), ids)[0].settled(ids)
     assert confirmed == len(doubt.motions) - 1
     assert 0 < np.trace(after.cov_left) < np.trace(doubt.cov)
 

@@ -49,12 +49,20 @@ def test_points_at_a_depth_edge_or_off_the_image_or_without_depth_are_left_out()
     assert len(found.errors_m) == 0
 
 
+def estimate(points: np.ndarray, cov: np.ndarray) -> SimpleNamespace:
+    """What is compared of the estimate of a frame at the origin."""
+    return SimpleNamespace(
+        stamp_ns=0, track_ids=np.arange(len(points)), points_in_cam=points, cov_points=cov, points_in_world=points,
+        cov_points_in_world=cov,
+    )  # fmt: skip
+
+
 def test_a_comparison_sums_the_frames_that_have_a_depth_image():
     points = plane_points(50)
     cov = np.tile(1e-4 * np.eye(3), (50, 1, 1))
     comparison = StructureComparison(CAMERA)
     assert all(np.isnan(figure) for figure in comparison.figures().values())
-    near, far = (SimpleNamespace(points_in_cam=scale * points, cov_points=cov) for scale in (1.01, 2.0))
+    near, far = (estimate(scale * points, cov) for scale in (1.01, 2.0))
     assert comparison.add(far, None) is None
     assert comparison.add(far, plane_depth()[:-1]) is None
     assert comparison.add(near, plane_depth()) is not None
@@ -68,7 +76,7 @@ def test_median_and_tail_say_whether_few_points_decide_the_rms():
     noise = np.random.default_rng(2).normal(scale=0.01, size=len(points))
     noise[:4] = 5.0  # beside an occluding edge
     rays = points / points[:, 2:]
-    moved = SimpleNamespace(points_in_cam=points + noise[:, None] * rays, cov_points=_along(rays, 0.01))
+    moved = estimate(points + noise[:, None] * rays, _along(rays, 0.01))
     comparison = StructureComparison(CAMERA)
     comparison.add(moved, plane_depth())
     figures = comparison.figures()

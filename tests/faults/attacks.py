@@ -98,14 +98,10 @@ def _command(rng: random.Random, log: str, folder: Path) -> list[str]:
     """A command that reads a log."""
     out = str(folder / "out")
     commands = (
-        ["inspect", log],
-        ["inspect", log, "--json"],
-        ["replay", log, "--out", out, *_FAST],
-        ["replay", log, "--out", out, *_FAST, "--json"],
-        ["recover", log, f"{out}/recovered.mcap"],
-        ["surface", log, "--out", f"{out}.ply", "--max-frames", "2"],
-        ["batch", log, "--out", out, *_FAST],
-    )
+        ["inspect", log], ["inspect", log, "--json"], ["replay", log, "--out", out, *_FAST],
+        ["replay", log, "--out", out, *_FAST, "--json"], ["recover", log, f"{out}/recovered.mcap"],
+        ["surface", log, "--out", f"{out}.ply", "--max-frames", "2"], ["batch", log, "--out", out, *_FAST],
+    )  # fmt: skip
     return rng.choices(commands, (8, 2, 8, 2, 4, 1, 0.02))[0]
 
 

@@ -149,18 +149,14 @@ def _changed_inside(rng: random.Random, whole: Whole) -> list[Edit]:
 
 KINDS: dict[str, Callable[[random.Random, Whole], list[Edit]]] = {
     "1 MiB of noise": _become(2**20, lambda rng, old: rng.randbytes(len(old))),
-    "1 MiB of zeros": _become(2**20, lambda _, old: bytes(len(old))),
-    "a byte missing": _become(1, lambda *_: b""),
+    "1 MiB of zeros": _become(2**20, lambda _, old: bytes(len(old))), "a byte missing": _become(1, lambda *_: b""),
     "64 KiB missing": _become(2**16, lambda *_: b""),
     "a byte too many": _become(1, lambda rng, _: rng.randbytes(1), stay=True),
-    "64 KiB twice": _become(2**16, lambda _, old: old, stay=True),
-    "a length wrong": _wrong_length,
-    "a kind wrong": _wrong_kind,
-    "10 bits flipped": _flipped_bits,
-    "places changed": _changed_places,
+    "64 KiB twice": _become(2**16, lambda _, old: old, stay=True), "a length wrong": _wrong_length,
+    "a kind wrong": _wrong_kind, "10 bits flipped": _flipped_bits, "places changed": _changed_places,
     "content changed": _changed_inside,
     "end missing": lambda rng, whole: [(_somewhere(rng, whole, 1)[0], len(whole.data), b"")],
-}
+}  # fmt: skip
 
 
 def _without_index(whole: Whole) -> bytes:

@@ -53,13 +53,10 @@ def test_an_output_that_is_an_input_is_refused(attack, through, tmp_path, cli):
 @pytest.mark.parametrize(
     "words",
     [
-        "--save-map {out}/estimates.mcap",
-        "--save-map {out}/../out/trajectory_map.tum",
-        "--save-map {out}/summary.json.part",
-        "--rrd {out}/config.toml",
-        "--rrd {out}/x --save-map {out}/x",
+        "--save-map {out}/estimates.mcap", "--save-map {out}/../out/trajectory_map.tum",
+        "--save-map {out}/summary.json.part", "--rrd {out}/config.toml", "--rrd {out}/x --save-map {out}/x",
     ],
-)
+)  # fmt: skip
 def test_two_results_of_a_run_are_two_files(words, tmp_path, cli):
     log, out = write_log(tmp_path / "log.mcap"), tmp_path / "out"
     out.mkdir()

@@ -22,7 +22,7 @@ def after(shares: list[float], new: int = 20) -> list[Confirmation]:
 def test_points_that_agree_frame_after_frame_confirm_a_motion() -> None:
     there = [c.is_there for c in after([0.95] * 20)]
     begun = there.index(True)
-    assert 3 <= begun <= 9 and all(there[begun:])  # neither a single frame, nor more than a second
+    assert 1 <= begun <= 5 and all(there[begun:])  # not the first frame alone, and not more than half a second
     assert not any(c.refuted for c in after([0.95] * 20))
 
 
@@ -33,16 +33,9 @@ def test_a_body_is_not_confirmed_and_refuted_at_once(share: float) -> None:
 
 
 def test_contrary_evidence_takes_back_what_there_was() -> None:
-    good, bad = after([1.0, 1.0, 1.0]), after([1.0, 1.0, 1.0, 0.7])
+    good, bad = after([1.0]), after([1.0, 0.75])
     assert 0 < bad[-1].evidence.change < good[-1].evidence.change and not bad[-1].refuted
-    assert after([1.0, 0.0])[-1].refuted
-
-
-def test_many_points_of_a_frame_count_as_one_and_few_as_less() -> None:
-    confirmation = Confirmation.sought(RULES)
-    nats = [confirmation.nats(n, n) for n in (1, 6, 40, 10_000)]
-    assert nats == sorted(nats) and nats[0] < 0.2 and nats[-1] == pytest.approx(np.log(2), rel=1e-3)
-    assert confirmation.nats(RULES.calm_start * 40, 40) == pytest.approx(0.0) and confirmation.nats(0, 0) == 0
+    assert after([1.0, 0.3])[-1].refuted
 
 
 def test_each_point_counts_once_and_those_before_the_doubt_never() -> None:

@@ -33,15 +33,10 @@ def track(anchor_velocity_px_s: np.ndarray) -> Tracks:
     """A track of the central point, seen in the camera."""
     point = CAM_FROM_ANCHOR @ np.array([*RAY, 1, RHO])
     return replace(
-        Tracks.none(),
-        cov_left_px=0.01 * np.eye(2)[None],
-        points=(point / point[2])[None],
-        var_rho=np.array([1e-6]),
-        anchor_from_start=np.eye(4)[None],
-        anchor_velocity_px_s=anchor_velocity_px_s[None],
-        slopes=SLOPES[None],
-        scale=np.ones(1, np.int64),
-    )
+        Tracks.none(), cov_left_px=0.01 * np.eye(2)[None], points=(point / point[2])[None],
+        var_rho=np.array([1e-6]), anchor_from_start=np.eye(4)[None],
+        anchor_velocity_px_s=anchor_velocity_px_s[None], slopes=SLOPES[None], scale=np.ones(1, np.int64),
+    )  # fmt: skip
 
 
 def warps(tracks: Tracks, timing: Timing, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stream_sfm.geometry.evidence import Evidence, log_ratio
+from stream_sfm.geometry.evidence import Evidence, log_ratio, ratio_of_share
 
 BOUND, MEMORY = 6.0, 50.0
 
@@ -77,3 +77,22 @@ def test_the_ratio_of_an_amount_is_that_of_two_gaussians() -> None:
     shown, variance, expected = 0.7, 0.3, 1.2
     log_densities = [-((shown - mean) ** 2) / (2 * variance) for mean in (expected, 0.0)]
     assert log_ratio(shown, variance, expected) == pytest.approx(log_densities[0] - log_densities[1])
+
+
+@pytest.mark.parametrize("favour", [2.0, 13.0])
+@pytest.mark.parametrize("agree", [0, 3, 9, 12])
+def test_the_ratio_of_counts_is_that_of_an_unknown_share(agree: int, favour: float) -> None:
+    rng, draws, n = np.random.default_rng(1), 400_000, 12
+    expected = np.count_nonzero(rng.binomial(n, rng.beta(favour, 1, draws)) == agree)
+    other = np.count_nonzero(rng.binomial(n, rng.random(draws)) == agree)
+    nats = ratio_of_share(agree, n, favour)
+    if expected < 100:
+        assert nats < np.log(200 / other)
+    else:
+        assert nats == pytest.approx(np.log(expected / other), abs=4 * np.sqrt(1 / expected + 1 / other))
+
+
+def test_few_points_of_a_frame_count_as_less_and_many_as_one() -> None:
+    nats = [ratio_of_share(n, n, 13.0) for n in (0, 1, 6, 40, 10_000)]
+    assert nats == sorted(nats) and nats[0] == 0 and nats[-1] == pytest.approx(math.log(13), rel=2e-3)
+    assert ratio_of_share(5000, 10_000, 2.0) == pytest.approx(0, abs=1e-3)

@@ -1,13 +1,13 @@
 """Views of a cloud of points along a swaying path, with inertial samples: input for estimators, without images."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection
-from stream_sfm.types import InertialView, Observations
+from stream_sfm.types import InertialView, Observations, Solution
 from tools.render.inertial import BMI160, Unit, measured
 
 PROJECTION = StereoProjection(
@@ -43,6 +43,12 @@ class Swaying:
     def down(self) -> Array:
         """The direction of gravity in the first camera."""
         return np.asarray(self._first[:3, :3] @ DOWN)
+
+
+def rms_m(found: Sequence[Solution], poses: Sequence[Array]) -> float:
+    """The error of positions."""
+    apart = [e.world_from_cam[:3, 3] - p[:3, 3] for e, p in zip(found, poses, strict=True)]
+    return float(np.sqrt(np.mean(np.square(apart))))
 
 
 def observed(

@@ -52,7 +52,7 @@ def test_what_is_wrong_is_named_and_nothing_is_left(tmp_path):
     assert not list(tmp_path.glob("o.mcap*"))
 
 
-@pytest.mark.parametrize("suffix", [".bmp", ".tif", ".tiff"])
+@pytest.mark.parametrize("suffix", [".bmp", ".tif", ".tiff", ".pnm"])
 @pytest.mark.parametrize("kind", ["grey", "deep", "colour"])
 def test_images_that_no_log_holds_become_png_without_loss(tmp_path, suffix, kind, cli):
     if (suffix, kind) == (".bmp", "deep"):
@@ -82,6 +82,7 @@ def test_images_that_no_log_holds_become_png_without_loss(tmp_path, suffix, kind
 
 def test_a_header_that_declares_gigabytes_is_refused(tmp_path):
     for name, data in (
+        ("0.ppm", b"P6 # a camera\n60000 60000\n255\n" + bytes(40)),
         ("0.bmp", b"BM" + bytes(16) + struct.pack("<ii", 60000, 60000) + bytes(40)),
         ("0.tif", b"II*\0" + struct.pack("<IHHHIIHHII", 8, 2, 256, 4, 1, 60000, 257, 4, 1, 60000) + bytes(40)),
     ):
@@ -153,7 +154,7 @@ def test_images_of_another_size_or_kind_are_named(tmp_path):
     with pytest.raises(sfm.InputError, match=r"r/1\.png is 32×24, the calibration is for 64×48"):
         import_images(*give)
     (tmp_path / "r" / "1.png").write_bytes(b"GIF89a")
-    with pytest.raises(sfm.InputError, match=r"r/1\.png is not a PNG, JPEG, WebP, BMP or TIFF image: convert"):
+    with pytest.raises(sfm.InputError, match=r"r/1\.png is not a PNG, JPEG, WebP, BMP, TIFF or PNM image: convert"):
         import_images(*give)
     with pytest.raises(sfm.InputError, match=r"x\* matches no left image"):
         import_images(str(tmp_path / "x*"), *give[1:])

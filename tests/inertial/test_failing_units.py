@@ -1,7 +1,8 @@
 """Units that fail in one way or another: within a second a run is as without samples, and says so."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from stream_sfm.inertial.samples import ImuSamples
 from stream_sfm.methods import REFERENCE, WITHOUT_IMU
 from stream_sfm.types import Observations, Solution, Status
 from tests.helpers.estimators import nees, run
-from tests.helpers.imu_views import PROJECTION, observed, swaying
+from tests.helpers.imu_views import PROJECTION, observed, rms_m, swaying
 from tools.render.inertial import BMI160
 
 FRAMES, FAULT = 56, 25  # a second of agreement, the fault, and more than a second with it
@@ -37,27 +38,34 @@ def turned(values: np.ndarray) -> np.ndarray:
 
 MIRROR = np.array([1.0, 1.0, -1.0])
 FAULTS: dict[str, Fault] = {
-    "unplugged": lambda s: s[:0],
-    "clock ahead by 11 s": shifted(11.0),
-    "clock ahead by an hour": shifted(3600.0),
-    "clock set back by a minute": shifted(-60.0),
-    "clock ahead by 0.2 s": shifted(0.2),
-    "clock behind by 50 ms": shifted(-0.05),
-    "degrees": with_values(np.rad2deg, same),
+    "unplugged": lambda s: s[:0], "clock ahead by 11 s": shifted(11.0), "clock ahead by an hour": shifted(3600.0),
+    "clock set back by a minute": shifted(-60.0), "clock ahead by 0.2 s": shifted(0.2),
+    "clock behind by 50 ms": shifted(-0.05), "degrees": with_values(np.rad2deg, same),
     "mirrored": with_values(lambda g: g * MIRROR, lambda a: a * MIRROR),
-    "gravity's sign": with_values(same, np.negative),
-    "turned": with_values(turned, turned),
+    "gravity's sign": with_values(same, np.negative), "turned": with_values(turned, turned),
     "frozen": with_values(lambda g: np.full_like(g, 0.1), lambda a: np.full_like(a, 5.6)),
     "a step of the gyroscope's bias": with_values(lambda g: g + 0.2, same),
     "nothing but noise": with_values(lambda g: np.random.default_rng(1).normal(size=g.shape), same),
-}
+}  # fmt: skip
+
+
+@cache
+def sound(seed: int, frames: int) -> tuple[tuple[np.ndarray, ...], tuple[Observations, ...]]:
+    """True poses, and observations with samples that do not fail."""
+    poses, observations = zip(*observed(seed, frames), strict=True)
+    return poses, observations
+
+
+@cache
+def found_by(method: str, seed: int, frames: int) -> list[Solution]:
+    return run(method, PROJECTION, sound(seed, frames)[1])
 
 
 def failing(
     fault: Fault, seed: int, frames: int, until: int | None = None
 ) -> tuple[tuple[np.ndarray, ...], list[Observations]]:
     """True poses, and observations whose samples fail from frame FAULT on."""
-    poses, observations = zip(*observed(seed, frames), strict=True)
+    poses, observations = sound(seed, frames)
     changed = [
         replace(o, inertial=replace(o.inertial, samples=fault(o.inertial.samples)))
         if FAULT <= k < (frames if until is None else until)
@@ -65,11 +73,6 @@ def failing(
         for k, o in enumerate(observations)
     ]
     return poses, changed
-
-
-def rms_m(found: Sequence[Solution], poses: Sequence[np.ndarray]) -> float:
-    apart = [e.world_from_cam[:3, 3] - p[:3, 3] for e, p in zip(found, poses, strict=True)]
-    return float(np.sqrt(np.mean(np.square(apart))))
 
 
 def tilted(estimate: Solution, pose: np.ndarray, seed: int) -> float:
@@ -84,7 +87,7 @@ def tilted(estimate: Solution, pose: np.ndarray, seed: int) -> float:
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_unit_that_fails_is_out_within_a_second_and_no_worse_than_none(name: str, caplog) -> None:
     poses, observations = failing(FAULTS[name], 21, FRAMES)
-    found, without = (run(method, PROJECTION, observations) for method in (REFERENCE, WITHOUT_IMU))
+    found, without = run(REFERENCE, PROJECTION, observations), found_by(WITHOUT_IMU, 21, FRAMES)
     for estimate, pose in list(zip(found, poses, strict=True))[1:]:
         assert estimate.status in (Status.OK, Status.DEGRADED)
         distance2 = nees(estimate.world_from_cam, estimate.cov_pose, pose)
@@ -156,14 +159,13 @@ def test_values_that_no_sensor_measures_are_left_out(value: float) -> None:
     poses, observations = failing(with_values(garbled, garbled), 33, FRAMES)
     found = run(REFERENCE, PROJECTION, observations)
     assert all(e.status is Status.OK and e.inertial is not None for e in found[1:])
-    _, sound = zip(*observed(33, FRAMES), strict=True)
-    assert rms_m(found, poses) < 1.1 * rms_m(run(REFERENCE, PROJECTION, sound), poses)
+    assert rms_m(found, poses) < 1.1 * rms_m(found_by(REFERENCE, 33, FRAMES), poses)
 
 
 @pytest.mark.parametrize("rate_hz", [5.0, 10.0, 20.0, 40.0, 100.0, 1000.0, 4000.0])
 def test_samples_of_every_rate_never_make_it_worse(rate_hz: float) -> None:
     poses, observations = zip(*observed(33, 40, replace(BMI160, rate_hz=rate_hz)), strict=True)
-    found, without = (run(method, PROJECTION, observations) for method in (REFERENCE, WITHOUT_IMU))
+    found = run(REFERENCE, PROJECTION, observations)
     assert all(e.status is Status.OK for e in found[1:])
-    assert rms_m(found, poses) < 1.05 * rms_m(without, poses)
+    assert rms_m(found, poses) < 1.05 * rms_m(found_by(WITHOUT_IMU, 33, 40), poses)
     assert (found[-1].inertial is not None) == (rate_hz > 33)

@@ -113,15 +113,9 @@ def test_jacobian_of_the_factor_equals_differences(intervals):
     parts = [integrated(gyro=GYRO + 0.1 * k) for k in range(n)]
     cov = np.stack([p[4] + p[5] + 1e-12 * np.eye(9) for p in parts])
     rows = Intervals(
-        np.stack([p[0] for p in parts]),
-        np.stack([p[1].ravel() for p in parts]),
-        np.stack([p[2] for p in parts]),
-        np.stack([p[3].ravel() for p in parts]),
-        cov,
-        np.tile(BIASES, (n, 1)),
-        np.full(n, 1e-3),
-        np.full(n, 0.1),
-    )
+        np.stack([p[0] for p in parts]), np.stack([p[1].ravel() for p in parts]), np.stack([p[2] for p in parts]),
+        np.stack([p[3].ravel() for p in parts]), cov, np.tile(BIASES, (n, 1)), np.full(n, 1e-3), np.full(n, 0.1),
+    )  # fmt: skip
     state = np.r_[0.4, -0.3, 0.8, 0.5, 9.7, 1.0, BIASES + 1e-4, 0.01, 0.02, -0.01, 0.03, 1.1e-3]
     cams, velocities, then = [np.eye(4)], [], state
     for k in range(n):  # near where the samples lead: there the Jacobian of the rotation is exact

@@ -15,7 +15,7 @@ from stream_sfm.inertial.state import GRAVITY, SCALE, STATE
 from stream_sfm.methods import REFERENCE, WITHOUT_IMU
 from stream_sfm.types import Status
 from tests.helpers.estimators import nees, run
-from tests.helpers.imu_views import PROJECTION, observed, swaying
+from tests.helpers.imu_views import PROJECTION, observed, rms_m, swaying
 from tools.render.inertial import CONSUMER
 
 FRAMES = 40
@@ -28,8 +28,7 @@ def test_positions_are_no_farther_off_with_samples_than_without(seed: int) -> No
     for method in (REFERENCE, WITHOUT_IMU):
         found = run(method, PROJECTION, observations)
         assert all(e.status is Status.OK for e in found[1:])
-        apart = [e.world_from_cam[:3, 3] - p[:3, 3] for e, p in zip(found, poses, strict=True)]
-        error[method] = np.sqrt(np.mean(np.square(apart)))
+        error[method] = rms_m(found, poses)
         after_start = zip(found[5:], poses[5:], strict=True)
         assert np.mean([nees(e.world_from_cam, e.cov_pose, p) for e, p in after_start]) < 12  # 6 expected
     assert error[REFERENCE] <= 1.05 * error[WITHOUT_IMU]
@@ -44,8 +43,7 @@ def test_a_data_sheet_that_is_ten_times_too_good_is_not_believed() -> None:
     for views in (observations, believed):
         found = run(REFERENCE, PROJECTION, views)
         assert all(e.status is Status.OK for e in found[1:])
-        apart = [e.world_from_cam[:3, 3] - p[:3, 3] for e, p in zip(found, poses, strict=True)]
-        error.append(np.sqrt(np.mean(np.square(apart))))
+        error.append(rms_m(found, poses))
     assert error[1] <= 1.3 * error[0]
     assert found[-1].inertial.densities == pytest.approx([10.0, 10.0], rel=0.5)
 
@@ -65,8 +63,7 @@ def test_stamps_that_err_are_no_contradiction(seed: int) -> None:
         estimator = make_estimator(method, PROJECTION, Config())
         found = [estimator.step(o) for o in observations]
         assert all(e.status is Status.OK for e in found[1:])
-        apart = [e.world_from_cam[:3, 3] - p[:3, 3] for e, p in zip(found, poses, strict=True)]
-        error[method] = np.sqrt(np.mean(np.square(apart)))
+        error[method] = rms_m(found, poses)
         if method == REFERENCE:
             # noise of the images counts for as much as it may be
             assert 0.3 < np.sqrt(estimator.inertia._jitter.var_interval / 2) / std_s < 1.5

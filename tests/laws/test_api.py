@@ -20,15 +20,11 @@ PACKAGE = Path(stream_sfm.__file__).parent
 PUBLIC = [name for name in stream_sfm.__all__ if name != "__version__"]
 # What a command does, Python can do: by a function of the same name, or by these.
 OF_COMMAND = {
-    "live": {"open_camera"},
-    "batch": {"replay_batch"},
-    "evaluate": {"read_results", "evaluate"},
-    "view": {"open_viewer"},
-    "surface": {"surface", "write_ply"},
-    "import": {"import_kitti", "import_euroc", "import_images"},
-    "convert-calibration": {"StereoRig"},
+    "live": {"open_camera"}, "batch": {"replay_batch"}, "evaluate": {"read_results", "evaluate"},
+    "view": {"open_viewer"}, "surface": {"surface", "write_ply"},
+    "import": {"import_kitti", "import_euroc", "import_images"}, "convert-calibration": {"StereoRig"},
     "config": {"read_config", "config_to_toml"},
-}
+}  # fmt: skip
 # Parameters that are attributes of what public names return, or given to a caller's function: they need no name.
 HANDED_ON = {
     "Ambiguity", "InertialView", "JobResult", "KnownTiming", "LastingErrors", "MapStart", "PreparedImages",

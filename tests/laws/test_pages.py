@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from stream_sfm import pipeline
 from stream_sfm.config import Config, read_config, setting_names
 from stream_sfm.logs.recording.images import RAW_ENCODINGS
 from stream_sfm.logs.sources.image_header import COMPRESSED_FORMATS
@@ -110,6 +111,36 @@ def test_a_walk_is_short_and_goes_down(walk, files, climbs):
     steps = [file for file, _ in STEP.findall(part)]
     levels = [LEVEL[file.split("/")[0].removesuffix(".py")] for file in steps]
     assert len(set(steps)) <= files and sum(a < b for a, b in pairwise(levels)) <= climbs
+
+
+def source(file: str, name: str) -> str:
+    text = (ROOT / "stream_sfm" / file).read_text(encoding="utf-8")
+    return next(
+        ast.get_source_segment(text, node) or ""
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.FunctionDef) and node.name == name
+    )
+
+
+@pytest.mark.parametrize(
+    "column,file,step,parts",
+    [
+        (1, "frontend/front_end.py", "step", {"follow": "frontend/tracker.py", "_go_on": "", "_observed": ""}),
+        (2, "estimators/window/cross_frame.py", "_advance", {"_initial_motion": "", "_report": ""}),
+    ],
+)
+def test_the_verbs_of_both_steps_are_called_in_the_order_of_their_page(column, file, step, parts):
+    """The page is the docstring of `pipeline/`; `parts` are functions whose verbs it names."""
+    calls = source(file, step)
+    for part, where in parts.items():
+        calls = calls.replace(f"{part}(", source(where or file, part) + "(", 1)
+    rows = re.findall(r"^    (\w.{32})(.{29})(.*)$", pipeline.__doc__ or "", re.MULTILINE)[1:]
+    verbs = [name for row in rows for name in re.findall(r"^[\w., ]+", row[column]) for name in name.split(", ")]
+    assert len(verbs) > 12
+    at = 0
+    for verb in (verb.strip() for verb in verbs):
+        assert f"{verb}(" in calls[at:], f"{verb} is not called where the page says so"
+        at = calls.index(f"{verb}(", at)
 
 
 def test_the_benchmark_times_functions_that_exist() -> None:

@@ -1,5 +1,7 @@
 """The pose graph: motions with common errors, loops, segments, and what may be removed."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -43,16 +45,28 @@ def test_motions_with_common_errors_compose_as_their_sum_says() -> None:
     assert np.allclose(alone.then(b).cov_own, a.then(b).cov_own) and alone.then(b).mean is b.mean
 
 
-def closed(rng: np.random.Generator, false: int = 0) -> tuple[PoseGraph, np.ndarray, list[Loop]]:
-    """A circle whose motions have errors of their own and in common, with loops; the last `false` ones are false."""
-    truth, graph = circle(), PoseGraph()
-    jacobian, c = 2e-3 * np.random.default_rng(0).normal(size=(6, COMMON)), rng.normal(size=COMMON)
+def followed(graph: PoseGraph, rng: np.random.Generator, c: np.ndarray, size: float) -> Iterator[int]:
+    """Nodes round the circle, each added; their motions have errors of their own, and by common ones `c`."""
+    truth, jacobian = circle(), size * np.random.default_rng(0).normal(size=(6, COMMON))
     graph.know(np.zeros(COMMON), np.eye(COMMON))
     graph.add(0, truth[0], None)
     for k in range(1, NODES):
         motion = se3.inverse(truth[k - 1]) @ truth[k] @ se3.exp(-jacobian @ c)
-        link = Motion(noisy(motion, STD, rng), np.diag(STD**2), jacobian, np.zeros(COMMON))
-        graph.add(k, np.eye(4), link)
+        graph.add(k, np.eye(4), Motion(noisy(motion, STD, rng), np.diag(STD**2), jacobian, np.zeros(COMMON)))
+        yield k
+
+
+def nees_of(graph: PoseGraph, truth: np.ndarray) -> float:
+    """The mean over all poses but the first: 6 is expected."""
+    cov = graph.covariances()[1:]  # which brings the poses up to what is known
+    error = se3.log(se3.inverse(graph.poses) @ truth)[1:]
+    return float(np.einsum("ni,nij,nj->n", error, np.linalg.inv(cov), error).mean())
+
+
+def closed(rng: np.random.Generator, false: int = 0) -> tuple[PoseGraph, np.ndarray, list[Loop]]:
+    """A circle whose motions have errors of their own and in common, with loops; the last `false` ones are false."""
+    truth, graph = circle(), PoseGraph()
+    assert [*followed(graph, rng, rng.normal(size=COMMON), 2e-3)] == list(range(1, NODES))
     ends = [
         (k, NODES - 5 + k, noisy(se3.inverse(truth[k]) @ truth[NODES - 5 + k], LOOP_STD, rng)) for k in range(4)
     ]
@@ -66,9 +80,7 @@ def test_covariances_with_common_errors_and_loops_hold() -> None:
     for seed in range(24):
         graph, truth, loops = closed(np.random.default_rng(seed))
         for nees in (before, after):
-            error = se3.log(se3.inverse(graph.poses) @ truth)[1:]
-            cov = graph.covariances()[1:]
-            nees.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(cov), error).mean())
+            nees.append(nees_of(graph, truth))
             if nees is before:
                 graph.close(loops, doubtful=False)
     # Six is the mean of a χ² whose σ is 3.5, and errors of one trial go together: 3 σ of 24 trials.
@@ -84,21 +96,13 @@ def test_learning_about_common_errors_updates_earlier_motions() -> None:
     nees, std_c = [], 0.02
     for seed in range(24):
         rng = np.random.default_rng(1000 + seed)
-        truth, graph = circle(), PoseGraph()
-        jacobian, c = 4e-3 * np.random.default_rng(0).normal(size=(6, COMMON)), rng.normal(size=COMMON)
-        graph.know(np.zeros(COMMON), np.eye(COMMON))
-        graph.add(0, truth[0], None)
-        for k in range(1, NODES):
-            motion = se3.inverse(truth[k - 1]) @ truth[k] @ se3.exp(-jacobian @ c)
-            link = Motion(noisy(motion, STD, rng), np.diag(STD**2), jacobian, np.zeros(COMMON))
-            graph.add(k, np.eye(4), link)
+        truth, graph, c = circle(), PoseGraph(), rng.normal(size=COMMON)
+        for k in followed(graph, rng, c, 4e-3):
             if k == 2 or k == NODES - 1:
                 loop = Motion(noisy(se3.inverse(truth[0]) @ truth[k], LOOP_STD, rng), np.diag(LOOP_STD**2))
                 graph.close([Loop(0, k, loop)], doubtful=False)
         graph.know(c + std_c * rng.normal(size=COMMON), std_c**2 * np.eye(COMMON))
-        cov = graph.covariances()[1:]
-        error = se3.log(se3.inverse(graph.poses) @ truth)[1:]
-        nees.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(cov), error).mean())
+        nees.append(nees_of(graph, truth))
     assert 3.9 < np.mean(nees) < 8.1
 
 

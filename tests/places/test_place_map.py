@@ -155,12 +155,9 @@ def test_lost_and_found(room: Room) -> None:
         if relative is not None:
             relative = replace(relative, frame_indices=relative.frame_indices + shift)
         moved = replace(
-            estimate,
-            frame_index=estimate.frame_index + shift,
-            stamp_ns=estimate.stamp_ns + shift_ns,
-            window_frame_indices=estimate.window_frame_indices + shift,
-            relative=relative,
-        )
+            estimate, frame_index=estimate.frame_index + shift, stamp_ns=estimate.stamp_ns + shift_ns,
+            window_frame_indices=estimate.window_frame_indices + shift, relative=relative,
+        )  # fmt: skip
         carried.append((moved, frame))
     places = PlaceMap(room.rig, wait=True)
     located_after(places, run)
@@ -184,15 +181,9 @@ def test_a_map_of_many_keyframes_that_nothing_links_is_bounded_as_any_other(room
     keyframes, state = load_map(tmp_path / "room.mcap", rectifier.projection, rectifier.rect_from_cam)
     numbers, rows = list(range(300)), np.arange(300) % len(keyframes)
     alone = replace(
-        state,
-        numbers=numbers,
-        segments=numbers,
-        homes=numbers,
-        poses=state.poses[rows],
-        covs=state.covs[rows],
-        links={},
-        loops=[],
-    )
+        state, numbers=numbers, segments=numbers, homes=numbers, poses=state.poses[rows], covs=state.covs[rows],
+        links={}, loops=[],
+    )  # fmt: skip
     copies = [keyframes[row] for row in rows]
     save_map(tmp_path / "alone.mcap", rectifier.projection, rectifier.rect_from_cam, copies, alone)
     places = mapped(room, room.run[:30], known=tmp_path / "alone.mcap", max_keyframes=100)
@@ -226,15 +217,11 @@ def test_where_two_rooms_are_the_same_neither_is_taken_for_it(room: Room, tmp_pa
     to_next = Motion(se3.inverse(state.poses[-1]) @ next_door[0], 1e-4 * np.eye(6))
     links = state.links | {(n + a, n + b): link for (a, b), link in state.links.items()}
     twice = replace(
-        state,
-        links=links | {(state.numbers[-1], n + state.numbers[0]): to_next},
-        numbers=[*state.numbers, *(n + number for number in state.numbers)],
-        segments=2 * state.segments,
-        homes=2 * state.homes,
-        poses=np.concatenate([state.poses, next_door]),
-        covs=np.concatenate([state.covs, state.covs]),
-        loops=[],
-    )
+        state, links=links | {(state.numbers[-1], n + state.numbers[0]): to_next},
+        numbers=[*state.numbers, *(n + number for number in state.numbers)], segments=2 * state.segments,
+        homes=2 * state.homes, poses=np.concatenate([state.poses, next_door]),
+        covs=np.concatenate([state.covs, state.covs]), loops=[],
+    )  # fmt: skip
     save_map(tmp_path / "twice.mcap", projection, turn, 2 * keyframes, twice)
     for known, found in (("room.mcap", True), ("twice.mcap", False)):
         places = mapped(room, room.again, known=tmp_path / known)

@@ -170,13 +170,10 @@ def zed(pictures: Pictures) -> dict[str, Any]:
         pixels[..., 0] = taken[1][view]
 
     camera = Is(
-        open=lambda _: "SUCCESS",
-        get_camera_information=lambda: known,
-        grab=grab,
-        retrieve_image=retrieve_image,
+        open=lambda _: "SUCCESS", get_camera_information=lambda: known, grab=grab, retrieve_image=retrieve_image,
         get_timestamp=lambda _: Is(get_nanoseconds=lambda: START_NS + taken[0] * PERIOD_NS),
         close=lambda: log.append("stopped"),
-    )
+    )  # fmt: skip
     module = Is(Camera=lambda: camera, Mat=lambda: Is(get_data=lambda: pixels), InitParameters=Is, log=log)
     module.DEPTH_MODE, module.UNIT = Is(NONE="none"), Is(METER="m")
     module.VIEW, module.ERROR_CODE = Is(LEFT_GRAY=0, RIGHT_GRAY=1), Is(SUCCESS="SUCCESS")

@@ -19,17 +19,12 @@ def message(name: str, schema_encoding: str, definition: str, encoding: str, dat
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        ("foxglove.CompressedVideo", "video"),
-        ("foxglove_msgs/msg/CompressedVideo", "video"),
-        ("ffmpeg_image_transport_msgs/msg/FFMPEGPacket", "video"),
-        ("theora_image_transport/Packet", "video"),
-        ("sensor_msgs/Image", "image"),
-        ("foxglove_msgs/msg/RawImage", "image"),
-        ("tf2_msgs/msg/TFMessage", "transform"),
-        ("my_msgs/msg/Image", ""),
-        ("sensor_msgs/msg/PointCloud2", ""),
+        ("foxglove.CompressedVideo", "video"), ("foxglove_msgs/msg/CompressedVideo", "video"),
+        ("ffmpeg_image_transport_msgs/msg/FFMPEGPacket", "video"), ("theora_image_transport/Packet", "video"),
+        ("sensor_msgs/Image", "image"), ("foxglove_msgs/msg/RawImage", "image"),
+        ("tf2_msgs/msg/TFMessage", "transform"), ("my_msgs/msg/Image", ""), ("sensor_msgs/msg/PointCloud2", ""),
     ],
-)
+)  # fmt: skip
 def test_kinds_are_recognised_by_package_and_name(name, kind):
     assert kind_of(name) == kind
 

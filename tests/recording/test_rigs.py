@@ -122,8 +122,14 @@ def test_an_attached_calibration_that_is_broken_is_named(path):
 def test_zeroed_messages_are_no_calibration(path):
     """As drivers send them that were never calibrated."""
     zero = Calib(K=np.zeros((3, 3)), R=np.zeros((3, 3)), P=np.zeros((3, 4)))
-    with pytest.raises(LogError, match="baseline is not known"):
+    with pytest.raises(LogError, match="K and P of topic /camera/left/calibration are zero: this camera was not"):
         open_log(write_log(path, Spec(infos=(zero, zero))))
+    rig = open_log(write_log(path)).stereo_rig
+    (path.parent / "calibration.toml").write_text(rig.to_toml())
+    opened = open_log(write_log(path, Spec(infos=(zero, zero))))  # the one beside it
+    np.testing.assert_allclose(opened.rig.right_from_left, rig.right_from_left, atol=1e-9)
+    assert len(list(opened.frames())) == 12
+    (path.parent / "calibration.toml").unlink()
     no_k = Calib(K=np.zeros((3, 3)))
     with pytest.raises(LogError, match="is the camera calibrated"):
         open_log(write_log(path, Spec(infos=(no_k, right_calib(K=K)))))

@@ -266,14 +266,10 @@ def test_errors_of_reading_are_raised_and_not_lost_in_the_decoder(packets):
 @pytest.mark.parametrize(
     ("name", "codec"),
     [
-        ("h264", "h264"),
-        ("H.265", "h265"),
-        ("libx264", "h264"),
-        ("hevc_nvenc", "h265"),
-        ("jpeg", None),
+        ("h264", "h264"), ("H.265", "h265"), ("libx264", "h264"), ("hevc_nvenc", "h265"), ("jpeg", None),
         ("vp9", None),
     ],
-)
+)  # fmt: skip
 def test_names_of_codecs(name, codec):
     assert codec_of(name) == codec
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.evaluation.figures import ACCURACY, CONSISTENCY, METRES, MILLIMETRES, Figure, unit_for
+from stream_sfm.report.matches import Needles, matches
 from stream_sfm.report.svg import Chart, Row, Series, draw, intervals
 from stream_sfm.report.tables import Name, breakable, table, text_of
 
@@ -40,6 +41,20 @@ def test_values_with_intervals_are_named_on_one_axis() -> None:
     assert {"EKF", "ratio (logarithmic)"} <= {item.text for item in root.iter("text")}
 
 
+def test_matches_are_needles_on_the_image() -> None:
+    """From the other place to the dot at the current one; rejected ones stand out; an empty frame is a picture too."""
+    image = np.arange(48 * 64, dtype=np.uint8).reshape(48, 64)
+    stereo = np.array([[[30.0, 10.0], [20.0, 10.0]], [[50.0, 30.0], [45.0, 30.0]]])
+    found = Needles(7, image, stereo, stereo[:1], np.array([True, False]), np.array([True]))
+    first, second = matches(found)
+    assert "<b>Stereo matches</b>" in first and "frame 7" in first and "data:image/png;base64" in first
+    assert "var(--ok)" in first and "var(--lost)" in first and "rejected" in first
+    assert "var(--lost)" not in second and "rejected" not in second
+    assert matches(None) == []
+    none = Needles(0, image, stereo[:0], stereo[:0], np.zeros(0, bool), np.zeros(0, bool))
+    assert len(matches(none)) == 2
+
+
 def test_equal_charts_are_equal_bytes_and_take_their_colours_from_the_page() -> None:
     text = line([0, 1, 2], path=True)
     assert text == line([0, 1, 2], path=True)
@@ -49,16 +64,11 @@ def test_equal_charts_are_equal_bytes_and_take_their_colours_from_the_page() -> 
 @pytest.mark.parametrize(
     ("value", "factor", "text"),
     [
-        (0.00028, 1000, "0.280"),
-        (879.0, 1, "879"),
-        (10312.4, 1, "10312"),
-        (-0.0123, 1, "−0.0123"),
-        (2e9, 1, "2.00e+09"),
-        (12, 1, "12"),
-        (None, 1, '<span class="nil">–</span>'),
+        (0.00028, 1000, "0.280"), (879.0, 1, "879"), (10312.4, 1, "10312"), (-0.0123, 1, "−0.0123"),
+        (2e9, 1, "2.00e+09"), (12, 1, "12"), (None, 1, '<span class="nil">–</span>'),
         ({"value": 1.416, "ci95": [1.1, 1.8]}, 1, "×1.42 <small>[1.10, 1.80]</small>"),
     ],
-)
+)  # fmt: skip
 def test_numbers_are_written_with_three_significant_digits(value: object, factor: float, text: str) -> None:
     assert text_of(value, factor) == text
 

@@ -30,20 +30,6 @@ def replayed(wall_log: Path, tmp_path_factory):
     return replay(wall_log, tmp_path_factory.mktemp("out") / "first")
 
 
-def test_an_unknown_method_is_an_error_of_configuration(wall_log):
-    with pytest.raises(sfm.ConfigError, match="unknown method 'foo'"):
-        sfm.replay(wall_log, config=sfm.Config(method="foo"))
-
-
-def test_a_replay_does_not_import_scipy(wall_log: Path, tmp_path):
-    code = (
-        "import sys, stream_sfm; stream_sfm.replay(sys.argv[1], sys.argv[2]); "
-        "print([m for m in sys.modules if m.startswith('scipy')])"
-    )
-    command = [sys.executable, "-c", code, str(wall_log), str(tmp_path / "out")]
-    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() == "[]"
-
-
 def test_a_replay_writes_its_files_and_nothing_else(replayed):
     assert {p.name for p in replayed.out_dir.iterdir()} == FILES
     summary = json.loads((replayed.out_dir / "summary.json").read_text())
@@ -51,12 +37,6 @@ def test_a_replay_writes_its_files_and_nothing_else(replayed):
     assert summary["frames"] == dict(read=12, paired=12, estimated=12, degraded=0, lost=0, backwards=0, dropped=0)
     assert summary["complete"] and summary["warnings"] == summary["problems"] == replayed.problems == []
     assert read_config(replayed.out_dir / "config.toml") == sfm.Config()
-
-
-def test_the_files_hold_the_poses_of_the_run(replayed):
-    exact, ours = sfm.read_results(replayed.out_dir), replayed.trajectory
-    for name in ("stamps_ns", "world_from_cam", "cov_pose"):
-        assert (getattr(exact, name) == getattr(ours, name)).all()
 
 
 def test_replay_is_repeatable_and_equal_to_live_to_the_byte(replayed, wall_log: Path, tmp_path: Path):

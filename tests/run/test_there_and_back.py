@@ -3,20 +3,24 @@
 import json
 
 import numpy as np
+import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
 from stream_sfm.run import there_and_back
 from stream_sfm.system.interrupts import Interruption
-from tests.helpers.places import ROOT
+from tests.helpers.places import ROOM
 from tests.helpers.wall_log import write_wall_log
 
-ROOM = ROOT / "logs/room.mcap"
 SHORT = sfm.Selection(max_frames=20)
 
 
-def test_the_way_back_ends_at_the_beginning_within_its_covariance():
-    alone = sfm.replay(ROOM, selection=SHORT)
+@pytest.fixture(scope="module")
+def alone():
+    return sfm.replay(ROOM, selection=SHORT)
+
+
+def test_the_way_back_ends_at_the_beginning_within_its_covariance(alone):
     done = sfm.replay(ROOM, selection=SHORT, there_and_back=True)
     back = done.summary["there_and_back"]
     assert np.array_equal(done.trajectory.world_from_cam, alone.trajectory.world_from_cam)
@@ -26,8 +30,8 @@ def test_the_way_back_ends_at_the_beginning_within_its_covariance():
     assert back["apart_percent"] == 50 * back["apart_m"] / done.summary["path_length_m"]
 
 
-def test_a_way_there_that_turned_too_far_is_reported_in_degrees():
-    log, there = sfm.open_log(ROOM), sfm.replay(ROOM, selection=SHORT).trajectory
+def test_a_way_there_that_turned_too_far_is_reported_in_degrees(alone):
+    log, there = sfm.open_log(ROOM), alone.trajectory
     turned = there.world_from_cam.copy()
     turned[-1] = turned[-1] @ se3.exp([0, 0, 0, 0, 0.02, 0])
     wrong = sfm.Trajectory(there.stamps_ns, turned, there.cov_pose)

@@ -11,7 +11,7 @@ from stream_sfm.estimators.baselines.full_batch import cramer_rao_bound, gather_
 from stream_sfm.simulation import calibration
 from stream_sfm.simulation.calibration import seen_by_wrong_rig
 from stream_sfm.simulation.scenes import Scene, Sequence
-from stream_sfm.simulation.studies import run_trials
+from stream_sfm.simulation.studies import Job, Study
 
 RHO = 0.75
 SMALL = Scene(frames=5, track_length=4, visible=12, std_px=0.2, round_off=False)
@@ -75,8 +75,9 @@ def test_the_bound_is_that_of_all_views_with_their_correlations() -> None:
 def test_what_is_learnt_keeps_the_pose_consistent_and_a_window_that_learns_nothing_is_far_off() -> None:
     """Of five trials at two frames the mean NEES has a deviation of about 1.3."""
     scene = Scene(frames=21, track_length=8, std_px=0.15, round_off=False, autocorrelation=RHO)
-    trials = run_trials(lambda seed: calibration.measure(seed, scene, True, (15, 20)), 5, seed=1)
-    found = {label: np.mean([t[label]["nees_pose"] for t in trials]) for label in trials[0] if label != "bound"}
+    job = Job(lambda seed: calibration.measure(seed, scene, True, (15, 20)))
+    trials = Study(lambda: {"": job}, lambda measured: measured[""]).run(5, seed=1).report
+    found = {label: np.mean(of["nees_pose"]) for label, of in trials.items() if label != "bound"}
     assert 2 < found["cross-frame"] < 9  # 3.5 over 100 trials
     assert found["errors as white"] > found["cross-frame"]
     assert found["rig as exact, errors as white"] > 100 and found["rig as exact"] > 100  # 5500 and 2000

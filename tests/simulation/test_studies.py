@@ -10,22 +10,10 @@ import pytest
 from stream_sfm.simulation.measure import Method, measure
 from stream_sfm.simulation.rates import SPANS, WINDOWS, drift_rates, structure_law, structure_over_window
 from stream_sfm.simulation.scenes import Scene
-from stream_sfm.simulation.studies import Job, Pool, Study, exponent, mean, ratio, run_trials, stacked
+from stream_sfm.simulation.studies import Job, Pool, Study, exponent, mean, ratio, stacked
 from stream_sfm.system.executors import processes
 
 SCENE = Scene(track_length=8)
-
-
-def draw(seed: np.random.SeedSequence) -> float:
-    return float(np.random.default_rng(seed).normal())
-
-
-def test_any_number_of_workers_gives_the_same_numbers():
-    serial = run_trials(draw, 7, seed=3)
-    with processes(2) as pool:
-        assert run_trials(draw, 7, seed=3, executor=pool) == serial
-    assert run_trials(draw, 3, seed=3) == serial[:3]
-    assert len(set(serial)) == 7
 
 
 def test_the_progress_of_a_study_ends_at_its_total():
@@ -37,7 +25,14 @@ def test_the_progress_of_a_study_ends_at_its_total():
 
 
 def drawn(seed: np.random.SeedSequence) -> dict[str, dict[str, np.ndarray]]:
-    return {"x": {"y": np.array([draw(seed)])}}
+    return {"x": {"y": np.random.default_rng(seed).normal(size=1)}}
+
+
+def test_any_number_of_workers_gives_the_same_numbers():
+    study = Study(lambda: {"a": Job(drawn)}, lambda measured: measured["a"]["x"]["y"].ravel().tolist())
+    serial = study.run(7, seed=3).report
+    assert study.run(7, 3, partial(processes, 2)).report == serial
+    assert study.run(3, 3).report == serial[:3] and len(set(serial)) == 7
 
 
 @pytest.mark.parametrize("pool", [nullcontext, partial(processes, 2)])
@@ -92,7 +87,7 @@ def test_estimators_are_consistent_and_the_window_is_near_the_bound():
     """Of eight trials the mean of NEES (6 and 3 are expected) has a deviation of about 1.2 and 0.06."""
     methods = (Method("cross-frame"), Method("ekf"), Method("frame-to-frame"))
     job = partial(measure, scene=SCENE, methods=methods, frames=(15, 20, 25, 30))
-    small = stacked(run_trials(job, 8, seed=1))
+    small = Study(lambda: {"": Job(job)}, lambda measured: measured[""]).run(8, seed=1).report
     for method in ("cross-frame", "ekf"):
         assert 2.4 < np.nanmean(small[method]["nees_pose"]) < 10.5
         assert 2.75 < np.nanmean(small[method]["nees_point"]) < 3.25

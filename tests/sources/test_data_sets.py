@@ -245,18 +245,11 @@ def test_a_folder_of_recordings_names_them(tmp_path, cli):
 @pytest.mark.parametrize(
     ("sides", "inner"),
     [
-        (("L", "R"), ""),
-        (("l", "r"), ""),
-        (("cam_l", "cam_r"), ""),
-        (("left_cam", "right_cam"), ""),
-        (("camL", "camR"), ""),
-        (("Left", "Right"), "/images"),
-        (("infra1", "infra2"), ""),
-        (("cam0", "cam1"), "/data"),
-        (("image_2", "image_3"), ""),
-        (("my_left_lens", "my_right_lens"), ""),
+        (("L", "R"), ""), (("l", "r"), ""), (("cam_l", "cam_r"), ""), (("left_cam", "right_cam"), ""),
+        (("camL", "camR"), ""), (("Left", "Right"), "/images"), (("infra1", "infra2"), ""),
+        (("cam0", "cam1"), "/data"), (("image_2", "image_3"), ""), (("my_left_lens", "my_right_lens"), ""),
     ],
-)
+)  # fmt: skip
 def test_folders_whose_names_differ_in_the_side_only(tmp_path, sides, inner):
     names = ["0.png", "1.png", "2.png"]
     write_image_folders(tmp_path, names, [f"{side}{inner}" for side in sides])

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+import stream_sfm as sfm
 from stream_sfm.logs.sources.image_sets import open_images
-from tests.helpers.data_sets import write_image_folders
+from tests.helpers.data_sets import camera_pair, write_image_folders
 
 STAMPS_NS = [1_540_820_845_123_456_789 + n * 50_000_000 for n in range(3)]
 
@@ -24,6 +25,7 @@ def stamps_of(folder: Path, names: list[str]) -> tuple[list[int], list[int], lis
         ("left/data.csv", "timestamp,filename\n", "{ns},{n}.png"),
         ("left_images.txt", "# id timestamp image_name\n", "{n} {s}.{part:09d} left/{n}.png"),
         ("images.txt", "", "{n}\t{us}\t{n}"),
+        ("stamps.csv", "frame;timestamp_ns;file\n", "{n};{ns};{n}.png"),
     ],
 )
 def test_a_table_that_lists_the_images_has_their_stamps(tmp_path: Path, name: str, head: str, line: str) -> None:
@@ -67,3 +69,15 @@ def test_names_may_contain_their_stamps(tmp_path: Path, form: str, unit_ns: int)
 def test_a_serial_number_in_all_names_is_no_stamp(tmp_path: Path) -> None:
     left, _, (note,) = stamps_of(tmp_path, [f"1234567890123_{n}.png" for n in range(3)])
     assert left == [0, 100_000_000, 200_000_000] and "no stamps" in note
+
+
+def test_images_of_cameras_with_stamps_of_their_own_are_paired(tmp_path: Path) -> None:
+    names = [[f"{ns + late_ns}.png" for ns in STAMPS_NS] for late_ns in (0, 700_000)]
+    for side, of_side in zip(("left", "right"), names, strict=True):
+        write_image_folders(tmp_path, of_side, (side,))
+    log = sfm.open_log(tmp_path, calibration=camera_pair())
+    assert [pair.stamp_ns for pair in log.pairs()] == STAMPS_NS and log.stats.complete
+    for name in names[1]:
+        (tmp_path / "right" / name).rename(tmp_path / "right" / f"{int(name[:-4]) + 10**10}.png")
+    with pytest.raises(sfm.LogError, match="of different times: are they of one recording"):
+        sfm.open_log(tmp_path, calibration=camera_pair())

@@ -67,6 +67,32 @@ def test_the_calibration_beside_the_videos_is_theirs(pairs: Pairs, tmp_path: Pat
     assert_same_frames(sfm.open_log(tmp_path / "v", calibration=rig()), pairs)
 
 
+def test_packets_of_mpeg_ts(pairs: Pairs, tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    for n, side in enumerate(("left", "right")):
+        with av.open(str(tmp_path / f"{side}.ts"), "w") as container:
+            stream = container.add_stream("mpeg2video", rate=25, options={"qscale": "1", "g": "1"})
+            stream.height, stream.width = pairs[0][n].shape
+            pictures = [
+                av.VideoFrame.from_ndarray(pair[n], format="gray").reformat(format="yuv420p") for pair in pairs
+            ]
+            for picture in (*pictures, None):
+                container.mux(stream.encode(picture))
+    log = sfm.open_log(tmp_path, calibration=rig())
+    read = [np.asarray(frame.left, int) for frame in log.frames()]
+    assert len(read) == len(pairs)
+    assert all(np.abs(image - pair[0]).mean() < 5 for image, pair in zip(read, pairs, strict=True))
+
+
+def test_a_video_whose_frames_cannot_be_decoded(pairs: Pairs, tmp_path: Path) -> None:
+    """Its container can be opened, as that of AV1 where OpenCV has no decoder of it."""
+    for n, side in enumerate(("left", "right")):
+        video = write(tmp_path / f"{side}.avi", [p[n] for p in pairs])
+        video.write_bytes(video.read_bytes().replace(b"FFV1", b"XYZ9"))
+    with pytest.raises(sfm.LogError, match=r"left\.avi is not a video that OpenCV can decode: convert it"):
+        sfm.open_log(tmp_path, calibration=rig())
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_video_that_holds_both_images(axis: int, pairs: Pairs, calibration: Path, tmp_path: Path, cli) -> None:
     both = write(tmp_path / "both.mkv", [np.concatenate(p, axis) for p in pairs])

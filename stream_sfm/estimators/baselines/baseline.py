@@ -10,6 +10,7 @@ from ...geometry import Array, se3
 from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
 from ...geometry.stereo import StereoProjection
+from ...geometry.view_stages import CorrectedViews
 from ...types import Observations, Solution, Status
 from ..initial_motion import initial_motion
 from ..lifecycle import LostError, WorldPoints, first_solution, lost_solution, recorded, too_few_inliers
@@ -60,7 +61,7 @@ class Baseline(ABC):
         """Find the motion since the previous camera from points (n, 3) there; see `initial_motion`."""
         predicted, _ = self._motion.predict(obs.stamp_ns)
         start, robust = se3.inverse(predicted) @ world_from_previous, self._config.rules.robust
-        views = PointViews(self._projection, points, cov, obs.z_px[rows], obs.cov_px[rows], robust)
+        views = PointViews(self._projection, points, cov, CorrectedViews(obs.z_px[rows]), obs.cov_px[rows], robust)
         found = initial_motion(views, obs, start)
         if found is None:
             raise LostError(too_few_inliers(0, len(rows), robust))

@@ -20,6 +20,7 @@ from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
 from ...geometry.sizes import Sizes
 from ...geometry.stereo import StereoProjection
+from ...geometry.view_stages import CorrectedViews
 from ...record import changed, columns_at
 from ...rig_model.terms import DELAY, TERMS
 from ...types import Ambiguity, InertialEstimate, Observations, Solution
@@ -35,18 +36,18 @@ from ..lifecycle import (
 )
 from .absorb import absorbed_oldest, with_rig_change
 from .enter import begun, entered, settled, with_rejected, with_second
-from .followed import followed
-from .halves import SpanFactors
 from .inertia.inertia import Inertia, NotTheCameraError
 from .inertia.takes_samples import InertialMotionModel, TakesSamples
 from .inverse_depth import WhitenedViews
 from .minimise import minimised
-from .relative import common_errors, newest_motion, relative_motions
-from .reported import reported
+from .reported.equal_weights import reported
+from .reported.followed import followed
+from .reported.halves import SpanFactors
+from .reported.relative import common_errors, newest_motion, relative_motions
+from .reported.track_noise import TrackNoise
 from .rig import judged_rig, learnt_rig, with_field
 from .rig_state import NO_RIG, RigState, impossible
 from .state import WindowState
-from .track_noise import TrackNoise
 from .unknowns.focus import judged_focus, own_at_first, placed_focus, with_focus_at_rest
 from .unknowns.turn import size_turn
 from .unknowns.velocities import cov_of_timing, expect, renewed_timing
@@ -117,11 +118,12 @@ class CrossFrame(TakesSamples):
         self.waiting = False
         rig = _unknown_rig(observations, self.config.rig) if self.rig is None else self.rig
         self.rig = rig.informed(*self._since_by_rows(observations, len(rig)))
-        corrected = _corrected(observations, views, self.rig.mean)
+        corrected_px = _corrected(observations, views, self.rig.mean)
+        corrected = replace(observations, z_px=corrected_px)
         solution = first_solution(self.projection, self.config.rules.robust, self.motion, corrected)
         if len(solution.track_ids):
             rules = self.config.window
-            current = begun(self.projection, frame, views, corrected.z_px, solution, self.rig, rules)
+            current = begun(self.projection, frame, views, corrected_px, solution, self.rig, rules)
             pose = solution.world_from_cam, solution.cov_pose
             self.map = self.inertia.begin(current, frame.stamp_ns, *pose)
         return solution
@@ -143,12 +145,14 @@ class CrossFrame(TakesSamples):
             current = with_rejected(current, rejected)
         cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
         own = own_at_first(current, motion)
-        current = entered(current, frame, cam_from_ref, views, corrected_px - views.own @ own[0], rejected, own)
+        current = entered(
+            current, frame, cam_from_ref, views, _without_own(corrected_px, views, own), rejected, own
+        )
         current = placed_focus(current)
-        if observations.settled:
-            current = settled(current)
         passed_s = (observations.stamp_ns - current.all_frames[-2].stamp_ns) / 1e9
         current = with_second(current, motion, self.motion.std_speed * passed_s)
+        if observations.settled:
+            current = settled(current)
         self.map = current = renewed_timing(current)
         current, iterations = minimised(current, self.config.window, self.config.rules.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
@@ -212,7 +216,7 @@ class CrossFrame(TakesSamples):
 
     def _initial_motion(
         self, current: WindowState, observations: Observations, frame: WindowFrame, views: WhitenedViews
-    ) -> tuple[WindowState, Resection, NDArray[np.int64], WhitenedViews, Array]:
+    ) -> tuple[WindowState, Resection, NDArray[np.int64], WhitenedViews, CorrectedViews]:
         """Find cam_n_from_cam_{n−1} from the local structure of the previous frame, and the tracks it rejects.
 
         Also returns the state, which has learnt from that motion, the views with the effects of delay and readout, and
@@ -230,9 +234,9 @@ class CrossFrame(TakesSamples):
             predicted, _ = self.motion.predict(observations.stamp_ns)
             start = se3.inverse(predicted) @ previous.world_from_cam
         current, views, unknown_px = expect(current, frame, views, rows, points, start, self._std_acceleration)
-        corrected = _corrected(observations, views, current.rig_error)
+        corrected_px = _corrected(observations, views, current.rig_error)
         weights = self.config.window.no_history + _frames_agreed(current, views.ids[rows])
-        z_px, cov_px = corrected.z_px[rows], corrected.cov_px[rows]
+        z_px, cov_px = CorrectedViews(corrected_px[rows]), observations.cov_px[rows]
         seen = PointViews(self.projection, points, cov, z_px, cov_px, robust, unknown_px)
         found = initial_motion(seen, observations, start, weights)
         if found is None and self.inertia.now is not None:  # samples show whether the motion found is the camera's
@@ -244,9 +248,10 @@ class CrossFrame(TakesSamples):
             self._turns, seen, found = size_turn(self._turns, e, seen, weights, found)
             views = views.with_larger_own(slice(0, e), self._turns.probable)
             current, found, views = judged_focus(current, views, rows, seen, weights, found)
-            if len(rows) < robust.calm_share * (len(views) - observations.n_new):
-                found = changed(found, second=second)  # its tracks were excluded, and nothing has explained them
-        return current, found, views.ids[rows[~found.accepted]], views, corrected.z_px
+            repeats = observations.ambiguity is not None and observations.ambiguity.repeats
+            if repeats or len(rows) < robust.calm_share * (len(views) - observations.n_new):
+                found = changed(found, second=second)  # its views are not among these
+        return current, found, views.ids[rows[~found.accepted]], views, corrected_px
 
     def _with_marginals(
         self, current: WindowState, smoothed: WindowState, in_question: bool
@@ -374,8 +379,12 @@ def _frames_agreed(current: WindowState, ids: NDArray[np.int64]) -> Array:
     return np.maximum(count + more, 0).astype(float)
 
 
-def _corrected(observations: Observations, views: WhitenedViews, rig_error: Array) -> Observations:
-    """Return the observations without errors (m,) of the rig."""
-    if not rig_error.any():
-        return observations
-    return replace(observations, z_px=observations.z_px - views.shift_px(rig_error))
+def _corrected(observations: Observations, views: WhitenedViews, rig_error: Array) -> CorrectedViews:
+    """Return the views (V, 4) of a frame without errors (m,) of the rig, those of timing included."""
+    shift_px = views.shift_px(rig_error) if rig_error.any() else 0.0
+    return CorrectedViews(observations.z_px - shift_px)
+
+
+def _without_own(corrected_px: CorrectedViews, views: WhitenedViews, own: Array) -> CorrectedViews:
+    """Return views (V, 4) without the errors that those of this frame share, of amplitudes `own` (1, e)."""
+    return CorrectedViews(corrected_px - views.own @ own[0])

@@ -8,6 +8,7 @@ from ...config import WindowConfig
 from ...geometry import Array, se3
 from ...geometry.resection import Resection
 from ...geometry.stereo import StereoProjection
+from ...geometry.view_stages import CorrectedViews
 from ...record import changed
 from ...types import Solution
 from .inverse_depth import State, WhitenedViews, at_rest, expected, held, points_alone, q_of_views
@@ -26,7 +27,7 @@ def begun(
     projection: StereoProjection,
     frame: WindowFrame,
     views: WhitenedViews,
-    corrected_px: Array,
+    corrected_px: CorrectedViews,
     first: Solution,
     rig: RigState,
     rules: WindowConfig,
@@ -38,7 +39,7 @@ def begun(
     """
     ids, e = first.track_ids, views.own.shape[2]
     views = changed(views, used=core.among(views.ids, ids))
-    points = MapPoints.of_reference(ids, q_of_views(projection, corrected_px[views.used]))
+    points = MapPoints.of_reference(ids, q_of_views(projection, CorrectedViews(corrected_px[views.used])))
     at = State(np.eye(4)[None], ids, points.ref_from_anchor, points.q, rig.mean, np.zeros((1, e)))
     q, cov, by_own, by_rig = points_alone(projection, views, at, np.zeros(len(rig)))
     prior = Prior.from_first_frame(ids, q, cov, by_own, by_rig, first.world_from_cam, first.cov_pose, rig)
@@ -67,7 +68,7 @@ def entered(
     frame: WindowFrame,
     cam_from_ref: Array,
     views: WhitenedViews,
-    corrected_px: Array,
+    corrected_px: CorrectedViews,
     rejected: NDArray[np.int64],
     own: Array,
 ) -> WindowState:
@@ -80,7 +81,7 @@ def entered(
     known = core.among(views.ids, current.points.ids)
     new = ~known & views.stereo & wanted
     again = core.among(current.dropped, views.ids[new])
-    q = q_of_views(current.projection, corrected_px[new])
+    q = q_of_views(current.projection, CorrectedViews(corrected_px[new]))
     inertia = current.inertia
     if inertia is not None and frame.interval is not None:  # which has slides as unknowns
         inertia = inertia.with_newest(frame.interval, frame.velocity, frame.std_turn_rad)
@@ -98,7 +99,7 @@ def entered(
     )
     views = changed(views, frame=np.full(len(views), len(current.frames) - 1), used=(known | new) & wanted)
     if frame.rig is not None:
-        views = held(expected(current.state(), views, frame.rig), *current.places, current.rules.rests_px)
+        views = held(expected(current.state, views, frame.rig), *current.places, current.rules.rests_px)
         views = at_rest(views, frame.rig, current.prior.rig.age_s(frame.stamp_ns))
         current = changed(current, places=(views.ids, views.expected_px))
     # unused views are never used again: of these, only the drift of points in the map is needed
@@ -128,9 +129,8 @@ def with_rejected(current: WindowState, rejected: NDArray[np.int64]) -> WindowSt
 
 def with_second(current: WindowState, motion: Resection, std_moved: Array) -> WindowState:
     """Add the uncertainty from the second of two plausible motions, which may be the true one; see `Doubt`."""
-    doubt, ambiguity = current.doubt.with_second(
-        motion, std_moved, current.newest_cam_from_ref, current.agreeing(fewest=2)
-    )
+    seen = current.newest_cam_from_ref, current.agreeing(fewest=1 if motion.ambiguous is None else 2)
+    doubt, ambiguity = current.doubt.with_second(motion, std_moved, *seen)
     current = changed(current, doubt=doubt)
     if motion.ambiguous is None or ambiguity is None:
         return current

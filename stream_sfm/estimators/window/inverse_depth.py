@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry import Array
 from ...geometry.stereo import StereoProjection
+from ...geometry.view_stages import CorrectedViews
 from ...record import changed, columns_at, record
 from ...rig_model.model import FIELD_MOVES, RigModel
 from ...rig_model.terms import AT_TIMING
 
 
-def q_of_views(projection: StereoProjection, z_px: Array) -> Array:
+def q_of_views(projection: StereoProjection, z_px: CorrectedViews) -> Array:
     """Return q (n, 3) of stereo views (n, 4) in their camera; the image row is the mean of both."""
     v = 0.5 * (z_px[:, 1] + z_px[:, 3])
     x, y = (z_px[:, 0] - projection.cx_left_px) / projection.f_px, (v - projection.cy_px) / projection.f_px

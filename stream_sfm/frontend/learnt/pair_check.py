@@ -3,10 +3,10 @@
 A camera may be frozen or knocked, or the cameras exchanged or not triggered together. Most of the left image may then
 still move rigidly, but that motion need not be the camera's. The right image shows the problem. Nearly all points whose
 left side agrees with the motion should be found in the right image, where their depth predicts them. If half of them
-are not, the motion is ambiguous until earlier points are found in both images again. If instead new points fit for long
-enough, all tracks are dropped and a new map begins. Points also vanish from the right image one by one when a near
-object hides what the left camera still sees. So points that were already missing in the last frame without a problem
-are no evidence.
+are not, the motion is ambiguous until earlier points are found in both images again. If instead new points show, frame
+by frame, that the images fit, all tracks are dropped and a new map begins. Points also vanish from the right image one
+by one when a near object hides what the left camera still sees. So points that were already missing in the last frame
+without a problem are no evidence.
 """
 
 from dataclasses import field
@@ -19,14 +19,18 @@ from ...camera.rig import StereoRig
 from ...config import Config
 from ...config.rules import PairRules
 from ...geometry import Array
+from ...geometry.evidence import Evidence, ratio_of_share
 from ...geometry.point_views import PointViews
 from ...geometry.resection import MANY_VIEWS, Resection
 from ...geometry.stereo import StereoProjection, clamp_depth
+from ...geometry.view_stages import CorrectedViews
 from ...pictures.content import frozen
 from ...pictures.prepared import PreparedImages
 from ...record import changed, record
 from ..tracks import Tracks
 from .rows import Rows
+
+_SOUND = 2.0  # twice as many where the images fit: half of the points say nothing, as near objects hide some
 
 
 def _none() -> NDArray[np.int64]:
@@ -72,7 +76,7 @@ class PairFit:
         left, both = motion.accepted, motion.accepted & has_right
         if np.count_nonzero(both & inside) < config.rules.pair.good_share * np.count_nonzero(inside):
             points = before.points, before.cov_points(projection)
-            left_px = np.where([True, True, False, False], found.z_px, np.nan)
+            left_px = CorrectedViews(np.where([True, True, False, False], found.z_px, np.nan))
             views = PointViews(projection, *points, left_px, found.cov_px, config.rules.robust)
             root, _ = views.linearise(motion.cam_from_ref)
             left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
@@ -85,16 +89,21 @@ class PairFit:
 class PairCheck:
     """The evidence so far: `problem` describes what is wrong, or is empty.
 
-    `first_id`: the first id of tracks that began during the problem, None if there is none. `good_frames`: consecutive
-    good frames since then. `missing` (k,): ids of tracks that were not found in the right image in the last frame
-    without a problem.
+    `evidence`: that left and right do not fit each other. `first_id`: the first id of tracks that began during the
+    problem. `missing` (k,): ids of tracks that were not found in the right image in the last frame without a problem.
     """
 
+    evidence: Evidence
     problem: str = ""
-    first_id: int | None = None
-    good_frames: int = 0
+    first_id: int = 0
     missing: NDArray[np.int64] = field(default_factory=_none)
     rules: PairRules = PairRules()
+
+    @classmethod
+    def of(cls, rules: PairRules, missing: NDArray[np.int64] | None = None) -> "PairCheck":
+        """Return the check without a problem, after a frame in which these tracks were `missing` on the right."""
+        evidence = Evidence(rules.bound_nats, rules.memory_frames)
+        return cls(evidence, missing=_none() if missing is None else missing, rules=rules)
 
     def after(self, problem: str, fit: PairFit | None, next_id: int) -> tuple["PairCheck", bool]:
         """Return the check after a frame with a `problem`, or none, and the `fit` of its tracks (None: none followed).
@@ -102,22 +111,25 @@ class PairCheck:
         Tracks that begin in this frame have ids from `next_id` on. Also returns whether all tracks must be dropped,
         because a problem has ended without points from before it.
         """
-        rules = self.rules
-        if problem:
-            first_id = next_id if self.first_id is None else self.first_id
-            return changed(self, problem=problem, first_id=first_id, good_frames=0), False
+        was_there, bound = self.evidence.is_there, self.rules.bound_nats
+        if problem:  # no frame of a sound pair has one
+            first_id = self.first_id if was_there else next_id
+            return changed(self, evidence=self.evidence.after(bound), problem=problem, first_id=first_id), False
         if fit is None:
             return self, False
-        if self.first_id is None:
-            return changed(self, missing=fit.missing), False
+        if not was_there or self._old_fit(fit):
+            return PairCheck.of(self.rules, fit.missing), False
+        agree, n = int(np.count_nonzero(fit.both)), len(fit.both)
+        evidence = self.evidence.after(-ratio_of_share(agree, n, _SOUND))
+        if evidence.is_there:
+            return changed(self, evidence=evidence), False
+        return PairCheck.of(self.rules), True
+
+    def _old_fit(self, fit: PairFit) -> bool:
+        """Whether more points from before the problem fit than a body has by chance, and half of the survivors."""
         old = fit.ids < self.first_id
-        # more points from before the problem than a body has by chance, and half of the survivors
-        if (old & fit.both).sum() >= max(rules.fewest_old, rules.fit * (old & fit.left).sum()):
-            return PairCheck(missing=fit.missing, rules=rules), False
-        good_frames = self.good_frames + 1 if fit.both.sum() > rules.good_share * len(fit.both) else 0
-        if good_frames < rules.good_frames:
-            return changed(self, good_frames=good_frames), False
-        return PairCheck(rules=rules), True
+        least = max(self.rules.fewest_old, self.rules.fit * np.count_nonzero(old & fit.left))
+        return bool(np.count_nonzero(old & fit.both) >= least)
 
 
 def problem_of(

@@ -21,6 +21,7 @@ from ...config.rules import TurnRules
 from ...geometry import Array
 from ...geometry.point_views import PointViews
 from ...geometry.stereo import StereoProjection, places_over_image
+from ...geometry.view_stages import CorrectedViews
 from ...record import changed, record
 from ...rig_model.estimate import RigEstimate
 from ...rig_model.model import RigModel
@@ -107,7 +108,7 @@ class TurnWatch:
         n_seen = np.count_nonzero(np.isfinite(z_px[:, 2]))
         if n_seen < rules.min_views:
             return self.calm(), None
-        views = PointViews(self.projection, points, cov_points, z_px, cov_px, self.settings)
+        views = PointViews(self.projection, points, cov_points, CorrectedViews(z_px), cov_px, self.settings)
         rad, cov, agree, chi2 = core.fit_turn(views, cam_from_previous, self.usual.measured + apparent.cov, rules)
         turn = Turn(rad, cov, chi2, apparent)
         possible = self.projection.f_px * math.hypot(*rad) < rules.max_turn_px

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...config import Config, RigConfig
 from ...geometry import Array, se3
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection
+from ...geometry.view_stages import RawViews
 from ...pictures.content import image_note
 from ...pictures.prepared import PreparedImages
 from ...rig_model.estimate import RigEstimate
@@ -99,7 +100,7 @@ class MonoFrontEnd:
         front = tracks.points[:, 3] > -KNOWN_DEPTH_SIGMAS * np.sqrt(tracks.var_rho)
         if front.mean() < self.setup.rules.mono.min_in_front:
             return open_map(state, _LOST), None
-        followed = replace(followed, z_px=followed.z_px[front], cov_px=followed.cov_px[front])
+        followed = replace(followed, z_px=RawViews(followed.z_px[front]), cov_px=followed.cov_px[front])
         return replace(state, tracks=tracks.keep(front)), followed
 
     def _with_right_sides(

@@ -8,9 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config.rules import MotionRules
-from ...geometry.evidence import Evidence
-from ...geometry.resection import MIN_VIEWS
+from ...geometry.evidence import Evidence, ratio_of_share
 from ...record import changed, record
+
+# The mean share is 0.93, as in calm scenes, and 0.81 says nothing: in crowds 0.68 to 0.77 of the new points agree with
+# a right or a wrong motion.
+_CALM = 13.0
 
 
 @record
@@ -41,16 +44,8 @@ class Confirmation:
         `accepted` (n,): which of them agree with its motion. Each track is judged once, when it is first found again.
         """
         new = ids >= self.next_id
-        nats = self.nats(int(np.count_nonzero(new & accepted)), int(np.count_nonzero(new)))
+        agree, n = int(np.count_nonzero(new & accepted)), int(np.count_nonzero(new))
+        nats = ratio_of_share(agree, n, _CALM)
         evidence = self.evidence.after(nats)
         next_id = max(self.next_id, int(ids[-1]) + 1 if len(ids) else 0)
         return changed(self, evidence=evidence, next_id=next_id, refuted=nats < 0 and not evidence.change)
-
-    def nats(self, agree: int, new: int) -> float:
-        """Return the log-likelihood ratio of a frame in which so many of the new points agree, eq. (23g).
-
-        What the new points of a frame show they share, so that many of them count as one. If it agrees, this is twice
-        as probable with the camera's motion as with that of a body.
-        """
-        neutral = self.rules.calm_start
-        return float(np.log(2)) * (agree - neutral * new) / ((new + MIN_VIEWS) * (1 - neutral))

@@ -14,6 +14,7 @@ from ...config.rules import RepetitionRules
 from ...geometry import Array, se3
 from ...geometry.point_views import PointViews
 from ...geometry.resection import MANY_VIEWS, MIN_VIEWS, SecondMotion, resect
+from ...geometry.view_stages import CorrectedViews
 from ...pictures.prepared import Image
 from ...record import changed
 from ..rough_motion import RoughMotion, find_rough_motion
@@ -56,7 +57,7 @@ def _second_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMoti
     alike = tracks.keep(rows[seen])
     points = alike.points, alike.cov_points(projection)
     cov_px = np.broadcast_to(rules.std_px**2 * np.eye(4), (len(alike), 4, 4))
-    views = PointViews(projection, *points, alike_px[seen], cov_px, step.setup.rules.robust)
+    views = PointViews(projection, *points, CorrectedViews(alike_px[seen]), cov_px, step.setup.rules.robust)
     motion = resect(views, np.eye(4), find_second=False)
     if not motion.ok or motion.share < rules.share or _is_refuted(step, tracks, rough, motion.cam_from_ref):
         return None

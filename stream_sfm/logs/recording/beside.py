@@ -1,4 +1,7 @@
-"""The calibration of a recording that has none of its own: the only one beside it that fits its images."""
+"""The calibration of a recording that has none of its own: the only one beside it that fits its images.
+
+A message of zeros is none: with it, drivers of ROS say that a camera is not calibrated.
+"""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -10,6 +13,7 @@ from ...errors import ConfigError, LogError
 from ...system.wording import some_of
 from ..mcap_file.message import Damage, Source
 from ..sources.sides import is_camera
+from .messages import MessageDecoder, decoded
 from .rig import ATTACHMENT, first_sizes
 from .survey import Survey
 
@@ -19,7 +23,7 @@ def calibration_beside(source: Source, survey: Survey, mono: bool) -> list[Path]
 
     None if the recording has its own, or if there is none. Raises LogError if several fit, which it names.
     """
-    if any(count != 0 for count in survey.of_kind("calibration").values()):
+    if _sends_calibration(source, survey):
         return None
     cameras = [topic for topic, count in survey.of_kind("image").items() if is_camera(topic) and count != 0]
     if not cameras or any(a.name.split("/")[-1] == ATTACHMENT for a in source.attachments(Damage())):
@@ -43,6 +47,19 @@ def calibration_beside(source: Source, survey: Survey, mono: bool) -> list[Path]
         if fitting:
             return next(iter(fitting.values()))
     return None
+
+
+def _sends_calibration(source: Source, survey: Survey) -> bool:
+    """Whether the first calibration message of a camera has numbers, or cannot be read."""
+    for topic, count in survey.of_kind("calibration").items():
+        if count != 0:
+            try:
+                first = next(decoded(source, [topic], MessageDecoder.calibration), None)
+            except LogError:
+                return True
+            if first is None or first.K.any() or first.P.any():
+                return True
+    return False
 
 
 def note_of(files: Sequence[Path]) -> str:

@@ -105,6 +105,8 @@ def rig_of_messages(
     source: Source, survey: Survey, sent: Sequence[CalibrationMessage], rectified: bool
 ) -> FoundRig:
     """Return the rig from the messages `sent` by its cameras; `rectified`: their images are. Raises LogError."""
+    if zero := [message.topic for message in sent if not (message.K.any() or message.P.any())]:
+        raise _error(f"{source.path}: K and P of topic {zero[0]} are zero: this camera was not calibrated")
     origin = " and ".join(message.topic for message in sent)
     try:
         if len(sent) == 1:

@@ -55,7 +55,7 @@ _EUROC_CALIBRATIONS = ("", "..", "../dso", "../calibration")  # relative to mav0
 # σ of ground truth, m and rad. EuRoC's Vicon and Leica: 1 mm (Burri et al., 2016), over the half metre of the body.
 # KITTI's OXTS: 2 cm with RTK (data sheet); its axes differ from those of the cameras by up to 9 mrad, taken as 2 σ.
 _STD_EUROC, _STD_KITTI = (0.001, 0.002), (0.02, 0.0045)
-_VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm")
+_VIDEO_SUFFIXES = (".mp4", ".m4v", ".mkv", ".avi", ".mov", ".webm", ".ts")
 # All cameras of TartanAir are identical and parallel.
 _TARTANAIR_F_PX, _TARTANAIR_BASELINE_M = 320.0, 0.25
 _VIRTUAL_KITTI_BASELINE_M = 0.532725

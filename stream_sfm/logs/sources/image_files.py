@@ -67,7 +67,7 @@ class ImageFilesSource(Source):
 
     `format` names the data set; `std_truth`: σ of the poses, m and rad; `imu`: samples (stamp_ns, (6,) rad/s and m/s²)
     of an inertial unit. An image that cannot be read, or has another size than the rig's, is skipped and added to the
-    damage of a reading. Raises LogError where no left and right image have the same stamp, ConfigError where no image
+    damage of a reading. Raises LogError where left and right images are of different times, ConfigError where no image
     can be rectified by the rig.
     """
 
@@ -91,8 +91,10 @@ class ImageFilesSource(Source):
         self.images, self.poses, self._std_truth = images, poses, std_truth
         self.notes = list(notes)
         left, right = ({image.stamp_ns for image in side} for side in images)
-        if right and not left & right:
-            raise LogError(f"{path}: no left and right image have the same stamp: are they of one recording?")
+        if left and right and (min(left) > max(right) or min(right) > max(left)):
+            raise LogError(
+                f"{path}: the left and the right images are of different times: are they of one recording?"
+            )
         self.without_partner = len(left ^ right) if right else 0  # images
         self.size_bytes = sum(image.size_bytes for side in images for image in side)
 

@@ -22,6 +22,7 @@ FORMATS = (
     ImageFormat("WebP", rb"(?s)RIFF.{4}WEBP", (".webp",)),
     ImageFormat("BMP", rb"BM", (".bmp",), in_logs=False),
     ImageFormat("TIFF", rb"II\*\0|MM\0\*", (".tif", ".tiff"), in_logs=False),
+    ImageFormat("PNM", rb"P[56]\s", (".pgm", ".ppm", ".pnm"), in_logs=False),
 )
 IMAGE_SUFFIXES = tuple(suffix for of in FORMATS for suffix in of.suffixes)
 COMPRESSED_FORMATS = tuple(of.name.lower() for of in FORMATS if of.in_logs)  # of one image by itself
@@ -30,11 +31,15 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_CHUNK = struct.Struct(">I4s")  # length of the content, kind; a checksum of 4 bytes follows the content
 _TIFF = ((b"II*\0", "<"), (b"MM\0*", ">"))  # with the order of bytes
 _TIFF_SIZE = {256: "width", 257: "height"}  # tags
+_PNM_SIZE = re.compile(rb"P[56]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s")
+_PNM_HEADER = 1000  # bytes, with comments
 
 
 def plain_size(data: bytes) -> tuple[int, int] | None:
-    """Return width and height in pixels of a BMP or TIFF image; None for anything else, or if its header is damaged."""
+    """Return width and height in pixels of a BMP, TIFF or PNM image; None for anything else or a damaged header."""
     try:
+        if (pnm := _PNM_SIZE.match(data[:_PNM_HEADER])) is not None:
+            return int(pnm[1]), int(pnm[2])
         if data.startswith(b"BM"):
             width, height = struct.unpack_from("<ii", data, 18)
             return width, abs(height)  # negative: from the top down

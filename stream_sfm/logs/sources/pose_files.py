@@ -35,7 +35,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def read_table(path: Path, what: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number of each line and its cells, separated by commas or white space; lines with `#` are skipped.
+    """Yield the number of each line and its cells, separated by `;`, `,` or white space; lines with `#` are skipped.
 
     Raises LogError.
     """
@@ -45,7 +45,7 @@ def read_table(path: Path, what: str) -> Iterator[tuple[int, list[str]]]:
         if len(line) > LIMITS.name:
             raise LogError(f"{what} {path} has a line of {len(line)} characters: is it another file?")
         if line.strip() and not line.lstrip().startswith("#"):
-            cells = line.split(",") if "," in line else line.split()
+            cells = line.split(next((mark for mark in ";," if mark in line), None))
             yield number, [cell.strip() for cell in cells]
 
 

@@ -28,6 +28,8 @@ class VideoSource(Source):
     def __init__(self, path: Path, side: int | None = None, rig: StereoRig | None = None) -> None:
         self.path, self.size_bytes, self._side = path, path.stat().st_size, side
         capture = self._open()
+        if not capture.grab():
+            raise self._undecodable()
         self._expected, self._rig = int(max(capture.get(cv2.CAP_PROP_FRAME_COUNT), 0)), rig
         self.size = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
         capture.release()
@@ -38,9 +40,12 @@ class VideoSource(Source):
         quiet_ffmpeg()
         capture = cv2.VideoCapture(os.fspath(self.path))
         if not capture.isOpened():
-            cure = "convert it, for example with `ffmpeg -i IN -c:v ffv1 OUT.mkv`"
-            raise LogError(f"{self.path} is not a video that OpenCV can decode: {cure}")
+            raise self._undecodable()
         return capture
+
+    def _undecodable(self) -> LogError:
+        cure = "convert it, for example with `ffmpeg -i IN -c:v ffv1 OUT.mkv`"
+        return LogError(f"{self.path} is not a video that OpenCV can decode: {cure}")
 
     def contents(self) -> Contents:
         """Return the topics, and the number of frames that the container announces."""
@@ -75,4 +80,5 @@ class VideoSource(Source):
             damage.add(f"{self.path}: {read} of {self._expected} frames could be decoded")
 
 
-CONTAINER = Container(VideoSource, rb"(?s)\x1aE\xdf\xa3|.{4}ftyp|.{8}AVI ")  # Matroska, MP4, AVI
+_TRANSPORT = rb"G.{187}G.{187}G"  # packets of MPEG-TS
+CONTAINER = Container(VideoSource, rb"(?s)\x1aE\xdf\xa3|.{4}ftyp|.{8}AVI |" + _TRANSPORT)  # Matroska, MP4, AVI

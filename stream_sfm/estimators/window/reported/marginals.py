@@ -7,14 +7,14 @@ and (38), and eqs. (39)–(41).
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import core
-from ...geometry import Array, se3
-from ...geometry.linear import symmetric
-from ...geometry.stereo import KNOWN_DEPTH_SIGMAS
-from ...record import changed, columns_at, filled, record
-from ..lifecycle import WorldPoints
-from .inverse_depth import State
-from .normal_equations import System
+from .... import core
+from ....geometry import Array, se3
+from ....geometry.linear import symmetric
+from ....geometry.stereo import KNOWN_DEPTH_SIGMAS
+from ....record import changed, columns_at, filled, record
+from ...lifecycle import WorldPoints
+from ..inverse_depth import State
+from ..normal_equations import System
 
 _NO_IDS = np.empty(0, np.int64)
 

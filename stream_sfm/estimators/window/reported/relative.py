@@ -6,12 +6,12 @@ directly from the joint covariance of the window, eq. (74), including all errors
 
 import numpy as np
 
-from ...geometry import Array, se3
-from ...geometry.linear import product
-from ...rig_model.estimate import RigEstimate
-from ...types import CommonErrors, RelativeMotions
-from .inertia.interval import JOINT
-from .state import WindowState
+from ....geometry import Array, se3
+from ....geometry.linear import product
+from ....rig_model.estimate import RigEstimate
+from ....types import CommonErrors, RelativeMotions
+from ..inertia.interval import JOINT
+from ..state import WindowState
 
 
 def apart_from_newest(from_newest: Array, *of_poses: Array) -> list[Array]:

@@ -10,7 +10,7 @@ covariance. Nothing is fed back.
 
 import numpy as np
 
-from ...geometry import Array, se3
+from ....geometry import Array, se3
 from .marginals import Marginals
 
 
