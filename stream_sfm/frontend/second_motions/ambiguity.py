@@ -26,15 +26,13 @@ class AmbiguityMemory:
     """The `last` second motion, and its difference from the motion followed, `second_from_first` (4, 4).
 
     `confirmation`: of the motion followed, since the last frame with a second motion. `repeats`: the ambiguity exists
-    because the scene looks the same under both motions. `is_new`: none of its tracks were followed before. `ids` (m,):
-    its tracks.
+    because the scene looks the same under both motions. `ids` (m,): its tracks.
     """
 
     last: SecondMotion | None = None
     second_from_first: Array | None = None
     confirmation: Confirmation = field(default_factory=lambda: Confirmation.sought(MotionRules()))
     repeats: bool = False
-    is_new: bool = False
     ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     @classmethod
@@ -55,27 +53,20 @@ class AmbiguityMemory:
         The second motion is one for which the scene looks `alike`, or the frame's own, or one that differs from the
         frame's motion as the last one did. `before` (n): the tracks of its views. Also returns whether an ambiguity was
         resolved in favour of the motion followed: the second set proves to be a body in front of the scene, or new
-        points have confirmed the motion, and the view had been repetitive or enough of the former background still
-        agrees and none of it was in the second set.
+        points have confirmed the motion.
         """
         rules, second = self.confirmation.rules, alike or motion.ambiguous
-        old, none = before.agreed >= rules.full_history, AmbiguityMemory.none(rules)
         if second is not None:
             apart = second.cam_from_ref @ se3.inverse(motion.cam_from_ref)
-            new = alike is not None or old[second.views].sum() < MIN_VIEWS
-            new = bool(new and not second.lasted and (self.is_new or not self.lasts))
             ids = self.ids if alike is not None else before.ids[second.views]
             sought = Confirmation.sought(rules, int(before.ids[-1]) + 1)
-            return AmbiguityMemory(second, apart, sought, alike is not None, new, ids), second, False
+            return AmbiguityMemory(second, apart, sought, alike is not None, ids), second, False
         remembered = self.second_beside(motion.cam_from_ref)
         if remembered is None:
-            return none, None, False
-        if self._is_of_body(motion, before):
-            return none, None, True
+            return self, None, False
         confirmation = self.confirmation.after(before.ids, motion.accepted)
-        if confirmation.is_there:
-            settled = self.repeats or (self.is_new and (motion.accepted & old).sum() >= MANY_VIEWS)
-            return none, None, bool(settled)
+        if confirmation.is_there or self._is_of_body(motion, before):
+            return AmbiguityMemory.none(rules), None, True
         is_one = self.repeats or self._is_explained(motion, before)
         return changed(self, confirmation=confirmation), None if is_one else remembered, False
 

@@ -65,13 +65,10 @@ def expect(
         current = _without_twist(current)
     if current.exposures.has_twist or by_twist.any():
         current = _with_twist(current, by_twist)
-        in_cam = core.seen_points(current.projection, views.z_px)
-        in_cam[rows] = moved
-        in_cam[~np.isfinite(in_cam).all(axis=1)] = 0, 0, 1, 0  # far ahead: the left side alone has no delay
         cov_twist = current.exposures.twist_error.cov(std_acceleration, seconds)
         cov_twist = cov_twist + np.diag((current.prior.rig.rules.least_twist * of_twist) ** 2)
         late_s = frame.rig.late_s(views.expected_px, np.where(by_twist, size_s, 0.0))
-        own = _twist_columns(current.projection, views, in_cam, late_s, cov_twist)
+        own = _twist_columns(current.projection, views, rows, moved, late_s, cov_twist)
         views = changed(views, own=np.concatenate([views.own, own], axis=2))
     of_timing = core.timing_unknowns(*frame.rig.cameras, points, before[0], moved, now[0], *timing, of_twist)
     cov_held = current.prior.rig.cov_held[DISPARITY, DISPARITY] + LEAST_VARIANCE * np.eye(DISPARITY.stop)
@@ -116,12 +113,21 @@ def _without_twist(current: WindowState) -> WindowState:
 
 
 def _twist_columns(
-    projection: StereoProjection, views: WhitenedViews, points: Array, late_s: Array, cov_twist: Array
+    projection: StereoProjection,
+    views: WhitenedViews,
+    rows: NDArray[np.intp],
+    moved: Array,
+    late_s: Array,
+    cov_twist: Array,
 ) -> Array:
-    """Return the effect (V, 4, 6) px of an error of the twist, of covariance (6, 6), on views of points (V, 4).
+    """Return the effect (V, 4, 6) px of an error of the twist, of covariance (6, 6), on views.
 
-    `late_s` (V, 4) is the exposure of each side after the stamp. The effect on a missing side is zero.
+    `moved` (n, 4): the points of `rows`; the others are where their views show them. `late_s` (V, 4) is the exposure of
+    each side after the stamp. The effect on a missing side is zero.
     """
+    points = core.seen_points(projection, views.z_px)
+    points[rows] = moved
+    points[~np.isfinite(points).all(axis=1)] = 0, 0, 1, 0  # far ahead: the left side alone has no delay
     by_twist = np.stack([core.velocities(projection, points, e[None]) for e in np.eye(_TWIST)], axis=2)
     moved = late_s[:, :, None] * by_twist
     moved[~np.isfinite(views.expected_px)] = 0.0
@@ -143,7 +149,7 @@ def renewed_timing(current: WindowState) -> WindowState:
     current = changed(current, exposures=changed(current.exposures, motions=motions))
     if current.first_views is not None:
         current = _with_first_renewed(current, current.first_views, rig)
-    views = timed(current.state(), current.views, rig, motions[1:], _timing(current, rig)[0])
+    views = timed(current.state, current.views, rig, motions[1:], _timing(current, rig)[0])
     return changed(current, views=views)
 
 
@@ -169,7 +175,7 @@ def cov_of_timing(current: WindowState, std_acceleration: Array) -> tuple[Window
     mean, cov = _timing(current, rig)
     elsewhere = ~exposures.by_twist  # the effect of the others is in the joint covariance
     mean, cov = mean * elsewhere, cov * np.outer(elsewhere, elsewhere)
-    in_cam = core.points_of_views(current.state(), newest)
+    in_cam = core.points_of_views(current.state, newest)
     std_s, cov_twist = np.sqrt(mean**2 + np.diag(cov)), error.cov(std_acceleration, exposures.seconds)
     current = changed(current, exposures=changed(exposures, twist_error=error))
     return current, core.cov_of_timed_pose(*rig.cameras, in_cam, std_s, cov_twist)
