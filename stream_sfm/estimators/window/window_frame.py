@@ -38,7 +38,7 @@ class WindowFrame:
     misfit: bool = False
 
     @property
-    def in_question(self) -> bool:
+    def is_ambiguous(self) -> bool:
         """Whether the motion from the previous frame may not be the camera's."""
         return self.misfit or self.ambiguity.shape[1] > 0
 
