@@ -78,3 +78,17 @@ def test_an_ambiguity_ends_when_the_other_set_proves_to_be_in_front_of_the_scene
     for frame, ends in ((body, False), (another, False), (in_front, True)):
         after, other, settled = memory.after(frame, TRACKS)
         assert (settled, other is None, not after.lasts) == (ends, ends, ends)
+
+
+def test_after_a_repetitive_view_new_points_settle_the_path() -> None:
+    """The frames are no longer ambiguous, but what was followed before is settled only by points that begin then."""
+    memory, tracks, told = AmbiguityMemory(), TRACKS, []
+    alike = SecondMotion(OTHER_FROM_FIRST @ FIRST, np.eye(6), ~LATER & LATER, 1.0)
+    for k in range(20):
+        memory, other, settled = memory.after(motion(FIRST, None), tracks, alike if k < 4 else None)
+        told.append((other is not None, memory.repeats, settled))
+        tracks = changed(tracks, ids=tracks.ids + 20)
+    end = [settled for _, _, settled in told].index(True)
+    assert told[:4] == [(True, True, False)] * 4 and 4 < end < 12
+    assert told[4:end] == [(False, True, False)] * (end - 4)
+    assert told[end:] == [(False, False, True), *[(False, False, False)] * (19 - end)]
