@@ -7,7 +7,7 @@ a file, where arrays are flat; the text that explains it in a file; and whether 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from enum import Enum, auto
-from typing import Any, NamedTuple, TypeVar, dataclass_transform
+from typing import Any, NamedTuple, Protocol, TypeVar, cast, dataclass_transform
 
 import msgspec
 import numpy as np
@@ -56,11 +56,12 @@ def filled(cls: type[T], parts: Any, **others: Any) -> T:
     return cls(**dict(zip(type(parts).__match_args__, parts, strict=True)), **others)
 
 
-def changed(of: T, **fields: Any) -> T:
-    """Return a record with other values in some fields. Raises TypeError for an unknown field."""
-    struct: Any = of
-    result: T = msgspec.structs.replace(struct, **fields)
-    return result
+class _Changed(Protocol):
+    def __call__(self, of: T, /, **fields: Any) -> T: ...
+
+
+changed: _Changed = cast(Any, msgspec.structs.replace)
+"""Return a record with other values in some fields. Raises TypeError for an unknown field."""
 
 
 class Kind(Enum):

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from signal import Signals
 from typing import Any, Literal, TypeVar
@@ -58,6 +58,7 @@ class Job:
     """One log to replay; `log` and `folder` are absolute paths.
 
     `options` are further arguments of `replay`; `inputs` the files that they name. The file `stop` ends the replay.
+    `software_version`: of the batch, which a worker on another machine may not have.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Job:
     options: tuple[str, ...]
     inputs: tuple[Path, ...]
     stop: Path
+    software_version: str = field(default_factory=lambda: __version__)
 
     def ended(self, status: JobStatus, reason: str, **known: Any) -> JobResult:
         """The result of this job. Bytes of the path that are not UTF-8 are escaped: such a log fails and is listed."""
@@ -78,6 +80,9 @@ def run_job(job: Job) -> JobResult:
     """Run a job unless an earlier one did the same; a failure of any kind is a result, not an exception."""
     if job.stop.exists():
         return job.ended("interrupted", "not started")
+    if job.software_version != __version__:
+        versions = f"its worker has stream-sfm {__version__}, and the batch {job.software_version}"
+        return job.ended("failed", f"{versions}: install the same version on both")
     try:
         return _done_before(job, key := _fingerprint(job)) or _run(job, key)
     except OSError as error:

@@ -68,12 +68,8 @@ def replay_batch(
     truths = {} if truth is None else truth_files(Path(truth.path).resolve(), names)
     options = _options(left, right, rate_hz, selection or Selection(), truth)
     stop = out / f".stop-{uuid.uuid4().hex}"  # a name that no file of the user or of another batch has
-    toml, jobs = config_to_toml(config), []
-    for log, name in names.items():
-        inputs = [("calibration", path) for path in calibrations]
-        inputs += [("ground-truth", truths[log])] if log in truths else []
-        named = (f"--{option}={path}" for option, path in inputs)
-        jobs.append(Job(name, log, out / name, toml, (*options, *named), tuple(path for _, path in inputs), stop))
+    toml = config_to_toml(config)
+    jobs = _jobs(out, names, truths, calibrations, (toml, options, stop))
     outputs = [out / RECORD, out / PAGE, *(job.folder / name for job in jobs for name in FILES)]
     refuse_overwriting(outputs, [*names, *calibrations, *truths.values()])
     with cluster(scheduler) if scheduler else _threads(workers or os.cpu_count() or 1) as (executor, lost):
@@ -81,20 +77,9 @@ def replay_batch(
         with only_writer(out):
             started_s = time.monotonic()
             results, interrupted = _run_jobs(executor, lost, jobs, stop, on_done)
-            content = {
-                "schema_version": SCHEMA_VERSION,
-                "software_version": __version__,
-                "method": config.method,
-                "configuration": toml,
-                "options": options,
-                "skipped": skipped,
-                "interrupted": interrupted,
-                "wall_s": time.monotonic() - started_s,
-                "complete": all(result.status == "done" for result in results),
-                "counts": dict(Counter(result.status for result in results)),
-                "reused": sum(result.reused for result in results),
-                "logs": [_finished(job, result) for job, result in zip(jobs, results, strict=True)],
-            }
+            of_batch: dict[str, Any] = {"method": config.method, "configuration": toml, "options": options}
+            of_batch |= {"skipped": skipped, "interrupted": interrupted, "wall_s": time.monotonic() - started_s}
+            content = _record(of_batch, jobs, results)
             write_whole(out / RECORD, json_bytes(content))
             write_whole(out / PAGE, render_batch(content, out).encode())
     return content
@@ -170,3 +155,33 @@ def _threads(count: int) -> Iterator[tuple[Executor, Callable[[], bool]]]:
     """Yield threads that wait for the replaying processes, as `cluster` yields its executor; they are never lost."""
     with ThreadPoolExecutor(count) as pool:
         yield pool, lambda: False
+
+
+def _record(of_batch: dict[str, Any], jobs: list[Job], results: list[JobResult]) -> dict[str, Any]:
+    """Return the content of batch.json, from what is known of the batch as a whole."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "software_version": __version__,
+        **of_batch,
+        "complete": all(result.status == "done" for result in results),
+        "counts": dict(Counter(result.status for result in results)),
+        "reused": sum(result.reused for result in results),
+        "logs": [_finished(job, result) for job, result in zip(jobs, results, strict=True)],
+    }
+
+
+def _jobs(
+    out: Path,
+    names: dict[Path, str],
+    truths: dict[Path, Path],
+    calibrations: list[Path],
+    of_all: tuple[str, list[str], Path],
+) -> list[Job]:
+    """Return a job per log. `of_all`: configuration, options, and the file that stops all jobs."""
+    (toml, options, stop), jobs = of_all, []
+    for log, name in names.items():
+        inputs = [("calibration", path) for path in calibrations]
+        inputs += [("ground-truth", truths[log])] if log in truths else []
+        named = (f"--{option}={path}" for option, path in inputs)
+        jobs.append(Job(name, log, out / name, toml, (*options, *named), tuple(path for _, path in inputs), stop))
+    return jobs

@@ -1,7 +1,7 @@
 """`stream-sfm batch`: many logs in parallel, one result folder per log, one table and one page."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -38,7 +38,6 @@ def batch(
     from ..batch.logs import find_logs, size_bytes
     from ..batch.replay_batch import replay_batch
     from .progress import counter
-    from .summaries import print_batch
 
     options.at_least_one(logs, "LOG", "recordings, folders of them, or patterns")
     if workers is not None and scheduler is not None:
@@ -57,6 +56,13 @@ def batch(
             scheduler=scheduler,
             on_done=lambda result: advance(1, f"{result.name}: {result.status}", sizes.get(result.log)),
         )
+    return _end(content, out, json, quiet)
+
+
+def _end(content: dict[str, Any], out: str | Path, json: bool, quiet: bool) -> int:
+    """Print the content of batch.json and what has failed, and return the exit code."""
+    from .summaries import print_batch
+
     if not quiet:
         print_notes("skipped", content["skipped"])
     if json:

@@ -16,6 +16,7 @@ from .printing import print_error, print_json, print_notes
 if TYPE_CHECKING:
     from ..config import Config
     from ..logs.recording.stereo_log import StereoLog
+    from ..run.replay import ReplayResult
     from ..types import Selection
 
 
@@ -200,6 +201,16 @@ def _run(
     finally:
         if is_latest and os.path.exists(folder):
             point_latest_to(folder)
+    _print_result(result, folder, shown)
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    summary = result.summary
+    wanting = result.problems or not summary["complete"] or (strict and summary["warnings"])
+    return ExitCode.INPUT if wanting else ExitCode.DONE
+
+
+def _print_result(result: "ReplayResult", folder: Path, shown: _Shown) -> None:
+    """Print the summary of a replay, its warnings and its problems, each as far as asked for."""
     summary = result.summary
     if not shown.quiet or not summary["complete"]:
         print_notes("warning", summary["warnings"])
@@ -216,7 +227,3 @@ def _run(
             print(printable(f"`rerun {shown.rrd}` opens the recording; so does a browser, dragged to {page}"))
     for problem in result.problems:
         print_error(problem)
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    wanting = result.problems or not summary["complete"] or (strict and summary["warnings"])
-    return ExitCode.INPUT if wanting else ExitCode.DONE

@@ -36,6 +36,15 @@ class InertiaRules(Section, frozen=True, kw_only=True):
     unexplained: Annotated[float, expert("share of gravity's variance by which it moves at least", 1e-3, 1e3)] = (
         0.25
     )
+    # An axis or a sign that is wrong from the start shows once the motion has changed. Until then nothing is known: the
+    # error may be π.
+    std_any_tilt_rad: Annotated[
+        float, expert("σ of the reported tilt while the samples are not proven, rad", 0, 10)
+    ] = 1.0
+    # It is at most 4.6 in sound units, simulated and real; accelerometers with a wrong axis reach 20 to 90.
+    most_unexplained: Annotated[
+        float, expert("factor on the accelerometer's noise that no longer proves the tilt", 1, 1e6)
+    ] = 10.0
     # 3 is expected for the biases, 1 for gravity.
     far_bias: Annotated[float, expert("squared distance of impossible accelerometer biases", 3, 1e8)] = 25.0
     far_gravity: Annotated[float, expert("squared distance of an impossible size of gravity", 1, 1e8)] = 25.0

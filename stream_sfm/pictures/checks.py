@@ -14,6 +14,7 @@ from ..geometry import Array
 from ..geometry.evidence import Evidence
 from ..record import changed, record
 from .ghosts import Ghosts
+from .interlacing import Interlaced
 from .one_image import OneImage
 from .prepared import PreparedImages
 from .view import View
@@ -40,7 +41,7 @@ class Check(Protocol):
 
 def checks(rules: Rules) -> tuple[Check, ...]:
     """Return all checks."""
-    return Ghosts(rules.ghosts), OneImage(rules.images)
+    return Ghosts(rules.ghosts), OneImage(rules.images), Interlaced()
 
 
 @record

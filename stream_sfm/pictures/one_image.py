@@ -6,7 +6,7 @@ import numpy as np
 
 from ..config.picture_rules import ImageRules
 from ..record import record
-from .prepared import Image, PreparedImages
+from .prepared import PreparedImages
 from .view import View
 
 _CERTAIN_NATS = 100.0  # two cameras deliver no such images, and one camera only such
@@ -30,17 +30,9 @@ class OneImage:
         """Return certainty either way, or None where images have too few slopes."""
         if images.delivered is None:
             return None
-        left, right = (image.astype(np.int16) for image in images.delivered)
+        left, right = (image.astype(np.int16) for image in images.delivered[:2])
         on_slope = np.abs(left[:, 2:] - left[:, :-2]) >= self.rules.slope_grey
         if np.count_nonzero(on_slope) < self.rules.fewest_slopes:
             return None
         same = np.abs(left - right)[:, 1:-1][on_slope] <= self.rules.same_grey
         return _CERTAIN_NATS if same.mean() > self.rules.same_share else -_CERTAIN_NATS
-
-
-def delivered(left: Image, right: Image, rules: ImageRules) -> tuple[Image, Image] | None:
-    """Return some rows of both images as the cameras have delivered them; None if their sizes differ."""
-    if left.shape != right.shape:
-        return None
-    every = rules.spacing_px
-    return left[every // 2 :: every].copy(), right[every // 2 :: every].copy()

@@ -3,7 +3,7 @@
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -14,7 +14,24 @@ from ..config.rules import FlowRules
 
 Image = NDArray[np.uint8]
 GreyImage = NDArray[np.uint8] | NDArray[np.float32]
+EVERY_COLUMN = 4  # of those that are kept, enough to see combed rows
 _RULES = FlowRules()
+
+
+class Delivered(NamedTuple):
+    """Parts of both images as the cameras have delivered them: some rows of each, and some columns of the left one."""
+
+    left_rows: Image
+    right_rows: Image
+    left_columns: Image
+
+    @classmethod
+    def of(cls, left: Image, right: Image, every_row: int) -> "Delivered | None":
+        """Copy these parts of a pair; None if the sizes differ."""
+        if left.shape != right.shape:
+            return None
+        rows = slice(every_row // 2, None, every_row)
+        return cls(left[rows].copy(), right[rows].copy(), left[:, ::EVERY_COLUMN].copy())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -23,7 +40,7 @@ class PreparedImages:
 
     `rectified`: both before smoothing. `stamp_ns`: of the frame. `grey_bits`: the bits of 16-bit images that count as
     used, None for other images. `made_by`: equal if images were processed the same way. `delivered`:
-    some rows of both as the cameras have delivered them. Other forms are computed when first used.
+    parts of both before rectification. Other forms are computed when first used.
     """
 
     left: Image
@@ -33,7 +50,7 @@ class PreparedImages:
     stamp_ns: int | None = None
     grey_bits: int | None = None
     made_by: str = ""
-    delivered: tuple[Image, Image] | None = None
+    delivered: Delivered | None = None
     rules: FlowRules = _RULES
 
     @classmethod

@@ -20,8 +20,7 @@ from ..frontend.state import FrontEndState
 from ..geometry.resection import MANY_VIEWS
 from ..geometry.stereo import StereoProjection
 from ..inertial.samples import ImuSamples
-from ..pictures.one_image import delivered
-from ..pictures.prepared import PreparedImages
+from ..pictures.prepared import Delivered, PreparedImages
 from ..record import changed
 from ..rig_model.estimate import RigEstimate
 from ..system.wording import described
@@ -180,7 +179,7 @@ class Observer:
             stamp_ns=frame.stamp_ns,
             grey_bits=bits,
             made_by=self._made_by,
-            delivered=delivered(sides[0], sides[1], self._rules.images) if pair else None,
+            delivered=Delivered.of(sides[0], sides[-1], self._rules.images.spacing_px) if pair else None,
             rules=self._rules.flow,
         )
         if frame_index is not None:

@@ -77,10 +77,9 @@ def compare(
 
     The first pass observes all frames and finds the calibration errors with the window. The second gives all
     methods, the window included, the same observations without these errors from the first frame on, as if the
-    calibration were exact. The window of the first pass is a row of its own: it finds the errors on the way, as in a
-    replay. With `rig.exact` no errors are sought. `as_is`: each method uses the calibration of the
-    log instead, and estimates its errors itself if it can; the window then has two rows, for its poses and for its
-    newest motions added up.
+    calibration were exact. The window of the first pass is a row of its own, as in a replay. With `rig.exact`
+    no errors are sought. `as_is`: each method uses the calibration of the log instead, and estimates its errors itself
+    if it can; the window then has two rows: its poses, and its newest motions added up.
 
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with its own folder; None:
     those of `compared_on`. `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is
@@ -88,8 +87,7 @@ def compare(
     `replay`. `sinks` get the estimates of the first method, for which images are read a second time, and are closed
     at the end. `on_frame` is called after each frame of each pass. `loops`: also show the first method with closed
     loops, which needs the extra map. An interruption ends the first pass, and the observations so far are still
-    estimated; a second one ends that. Raises LogError if no frame can be read, ConfigError for an unknown method,
-    OutputError.
+    estimated; a second one ends that. Raises LogError if no frame can be read, ConfigError, OutputError.
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")

@@ -93,6 +93,10 @@ def test_done_means_the_same_log_configuration_selection_and_software(
     log.write_text("second")
     anew()
     monkeypatch.setattr(jobs, "__version__", "9.9")
+    elsewhere = run_job(job)  # made by another version than the worker's
+    assert elsewhere.status == "failed" and "its worker has stream-sfm 9.9" in elsewhere.reason
+    assert elsewhere.reason.endswith("install the same version on both")
+    job = replace(job, software_version="9.9")
     anew()
     (job.folder / "trajectory.tum").unlink()
     assert not run_job(job).reused

@@ -45,7 +45,7 @@ def current() -> WindowState:
 def test_halves_add_up_to_all_tracks(current):
     """Their information and right-hand sides are those of all tracks, of the dense equations without the points."""
     alone = _unselected(current, RULES.halves_within)
-    quarters = _quarters(alone, alone.state(), RULES.halves_least)
+    quarters = _quarters(alone, alone.state, RULES.halves_least)
     assert np.bincount(quarters, minlength=4).min() > 0.15 * len(quarters)
     parts = _poses_by(alone, quarters, 4)
     every = _poses_by(alone, np.zeros_like(quarters), 1)[0]
@@ -53,7 +53,7 @@ def test_halves_add_up_to_all_tracks(current):
     assert np.abs(sum(p[0] for p in parts) - every[0]).max() < 1e-9 * scale
     assert sum(p[1] for p in parts) == pytest.approx(every[1], abs=1e-9 * np.abs(every[1]).max() + 1e-6)
     # points by the views of the window alone, but for a millionth of what the prior knows
-    blocks = linearise(alone.projection, alone.state(), alone.views)
+    blocks = linearise(alone.projection, alone.state, alone.views)
     n, points = 6 * len(alone.frames), len(alone.points)
     h, right = np.zeros((n + 3 * points,) * 2), np.concatenate([blocks.g_pose.ravel(), blocks.g_point.ravel()])
     for f, u in enumerate(blocks.u):
@@ -88,7 +88,7 @@ def test_tracks_of_half_a_scene_have_both_kinds_of_halves(current, kind):
     """Tracks with even numbers only, or from one side of the image."""
     ids, x = current.points.ids, current.points.q[:, 0]
     kept = ids % 2 == 0 if kind == "even numbers" else x < np.median(x)
-    at = current.state()._replace(ids=ids[kept], q=current.points.q[kept])
+    at = current.state._replace(ids=ids[kept], q=current.points.q[kept])
     assert np.bincount(_quarters(current, at, RULES.halves_least), minlength=4).min() > 0.15 * kept.sum()
 
 

@@ -81,7 +81,7 @@ def test_squares_are_those_of_expected_views():
     for o in sequence.observations:
         estimator.step(o)
     current = estimator.map
-    views, state = current.views, current.state()
+    views, state = current.views, current.state
     used = views.used & (np.arange(len(views)) % 5 > 0)
     own = changed(views, used=used, root=views.root * 0.5, weight=views.weight * 0.5)
     squares, values = core.squares_of_tracks(current.projection, state, own)

@@ -122,13 +122,20 @@ def test_the_path_to_the_last_unconfirmed_motion_stays_in_doubt() -> None:
     alone = Resection(STEP, np.eye(6), np.ones(40, bool), 0.0, 34, 1.0, True, np.zeros(40))
     for first, confirmed in ((0, 4), (1, 3), (3, 1), (4, 0)):
         seen, _ = doubt.with_second(alone, np.full(6, 0.1), np.eye(4), ids[first:])
-        later, _ = seen.with_second(
-            alone, np.full(6, 0.1), np.eye(4), ids[:0]
-        )  # tracks end; the first frame counts
-        after, n = later.settled()
+        later, _ = seen.with_second(alone, np.full(6, 0.1), np.eye(4), ids[:0])  # the first frame counts
+        after, n = later.settled(ids[first:])
         assert n == confirmed and not after.cov.any() and not after.motions
         assert np.array_equal(after.cov_left, (4 - confirmed) * np.eye(6))
         assert np.array_equal(after.of_newest(np.eye(4)), after.cov_left)
+
+
+def test_if_the_tracks_after_an_ambiguity_have_gone_nothing_is_confirmed() -> None:
+    """The motion that has proved to be the camera's may then be that of others than those followed."""
+    ids = np.arange(40)
+    doubt = Doubt(cov=np.eye(6), frames=1, motions=(InQuestion(ids, np.eye(6)),), after=ids)
+    assert doubt.settled(ids[28:])[1] == 1
+    left, confirmed = doubt.settled(ids[29:])
+    assert confirmed == 0 and np.array_equal(left.cov_left, np.eye(6))
 
 
 def test_the_memory_of_motions_in_question_is_bounded() -> None:
@@ -140,7 +147,7 @@ def test_the_memory_of_motions_in_question_is_bounded() -> None:
         doubt, _ = doubt.with_second(motion, np.full(6, 0.1), np.eye(4), ids)
     assert len(doubt.motions) < 200
     alone = changed(motion, second=None)
-    after, confirmed = doubt.with_second(alone, np.full(6, 0.1), np.eye(4), ids)[0].settled()
+    after, confirmed = doubt.with_second(alone, np.full(6, 0.1), np.eye(4), ids)[0].settled(ids)
     assert confirmed == len(doubt.motions) - 1
     assert 0 < np.trace(after.cov_left) < np.trace(doubt.cov)
 

@@ -62,19 +62,15 @@ def test_an_ambiguity_that_new_points_contradict_lasts() -> None:
     assert all(other is not None for other in others([motion(FIRST, 0.5), *[clear] * 60], 20))
 
 
-def test_a_frame_whose_motion_explains_both_sets_is_not_ambiguous() -> None:
-    """While a body stands still, both sets move alike; a set that is out of view is no evidence for this."""
-    both, one_left = motion(FIRST, None), changed(motion(FIRST, None), accepted=~LATER)
-    found = others([motion(FIRST, 0.5, LATER), both, one_left, *[both] * 3])
-    assert [other is not None for other in found] == [True, False, True, False, False, False]
-
-
-def test_an_ambiguity_ends_when_the_other_set_proves_to_be_in_front_of_the_scene() -> None:
-    ambiguous, body = motion(FIRST, 0.5, LATER), motion(FIRST, 0.0, LATER)
-    assert body.second is not None
-    in_front = changed(body, second=changed(body.second, in_front=True))
-    another = changed(in_front, second=changed(body.second, in_front=True, views=~LATER))
-    memory, _, _ = AmbiguityMemory().after(ambiguous, TRACKS)
-    for frame, ends in ((body, False), (another, False), (in_front, True)):
-        after, other, settled = memory.after(frame, TRACKS)
-        assert (settled, other is None, not after.lasts) == (ends, ends, ends)
+def test_after_a_repetitive_view_new_points_settle_the_path() -> None:
+    """The frames are no longer ambiguous, but what was followed before is settled only by points that begin then."""
+    memory, tracks, told = AmbiguityMemory(), TRACKS, []
+    alike = SecondMotion(OTHER_FROM_FIRST @ FIRST, np.eye(6), ~LATER & LATER, 1.0)
+    for k in range(20):
+        memory, other, settled = memory.after(motion(FIRST, None), tracks, alike if k < 4 else None)
+        told.append((other is not None, memory.repeats, settled))
+        tracks = changed(tracks, ids=tracks.ids + 20)
+    end = [settled for _, _, settled in told].index(True)
+    assert told[:4] == [(True, True, False)] * 4 and 4 < end < 12
+    assert told[4:end] == [(False, True, False)] * (end - 4)
+    assert told[end:] == [(False, False, True), *[(False, False, False)] * (19 - end)]

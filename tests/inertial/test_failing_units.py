@@ -80,7 +80,8 @@ def tilted(estimate: Solution, pose: np.ndarray, seed: int) -> float:
     inertial = estimate.inertial
     assert inertial is not None
     down = inertial.gravity / np.linalg.norm(inertial.gravity)
-    return float(np.linalg.norm(np.cross(down, pose[:3, :3].T @ swaying(seed).down)) / inertial.std_tilt_rad)
+    cosine = float(down @ pose[:3, :3].T @ swaying(seed).down)
+    return float(np.arccos(np.clip(cosine, -1, 1)) / inertial.std_tilt_rad)
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -112,6 +113,39 @@ def test_a_step_of_the_accelerometer_s_bias_does_not_stay_in_the_tilt(seed: int)
     found = run(REFERENCE, PROJECTION, observations)
     assert all(e.status is Status.OK for e in found[1:])
     assert sum(tilted(e, p, seed) > 5 for e, p in list(zip(found, poses, strict=True))[FAULT:]) <= 3
+
+
+def of_accel(by: Callable[[np.ndarray], np.ndarray]) -> Fault:
+    return with_values(same, by)
+
+
+WRONG_FROM_THE_START: dict[str, Fault] = {
+    "x mirrored": of_accel(lambda a: a * [-1.0, 1.0, 1.0]),
+    "y mirrored": of_accel(lambda a: a * [1.0, -1.0, 1.0]),
+    "z mirrored": of_accel(lambda a: a * MIRROR),
+    "gravity's sign": of_accel(np.negative),
+    "axes of the accelerometer": of_accel(turned),
+    "all axes": with_values(turned, turned),
+    "bias": of_accel(lambda a: a + np.array([2.0, 0.0, 1.0])),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_FROM_THE_START)
+@pytest.mark.parametrize("seed", [5, 21])
+def test_the_tilt_of_a_unit_that_is_wrong_from_the_start_is_within_its_sigma(name: str, seed: int) -> None:
+    fault = WRONG_FROM_THE_START[name]
+    poses, observations = zip(*observed(seed, 45), strict=True)
+    wrong = [replace(o, inertial=replace(o.inertial, samples=fault(o.inertial.samples))) for o in observations]
+    found = list(zip(run(REFERENCE, PROJECTION, wrong), poses, strict=True))[1:]
+    assert all(tilted(e, p, seed) < 5 for e, p in found if e.status is Status.OK and e.inertial is not None)
+
+
+def test_the_tilt_counts_once_samples_have_agreed_for_a_second() -> None:
+    _, observations = zip(*observed(21, 45), strict=True)
+    found = [
+        e.inertial.std_tilt_rad for e in run(REFERENCE, PROJECTION, observations)[1:] if e.inertial is not None
+    ]
+    assert min(found[:18]) >= 1 and max(found[24:]) < 0.05
 
 
 @pytest.mark.parametrize("value", [1e3, 1e5, 1e30, 1e300])

@@ -101,7 +101,7 @@ assert len(sfm.read_results({out!r})) == 4 and run.summary["ground_truth"]["nees
 
 
 def test_a_plain_install_replays_and_reads_results(tmp_path: Path) -> None:
-    program = _PLAIN.format(missing=STUDY, log=str(ROOM), out=str(tmp_path / "run"))
+    program = _PLAIN.format(missing=(*STUDY, "rerun"), log=str(ROOM), out=str(tmp_path / "run"))
     ran = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
     assert ran.returncode == 0, ran.stderr
 

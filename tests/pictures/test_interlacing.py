@@ -1,4 +1,4 @@
-"""`inspect` reports interlaced images, and no others."""
+"""Interlaced images, and no others, are reported by `inspect`, and no frame of them is ok for long."""
 
 import numpy as np
 import pytest
@@ -43,6 +43,19 @@ def test_lines_across_the_image_and_images_without_content_are_not_combed() -> N
 def test_sample_logs_are_not_interlaced(log) -> None:
     for frame in sfm.open_log(log).frames(sfm.Selection(max_frames=3, stride=20)):
         assert not any(is_interlaced(np.asarray(image, np.uint8)) for image in frame.images)
+
+
+def test_moving_frames_of_interlaced_video_are_degraded() -> None:
+    """Fields of two moments in each image: the second moving frame tells."""
+    log, before = sfm.open_log(ROOM), None
+    engine, found = sfm.Engine(log.rig), []
+    for frame in log.frames(sfm.Selection(max_frames=12)):
+        images = [image.copy() for image in (frame.left, frame.right)]
+        for image, earlier in zip(images, before or images, strict=True):
+            image[1::2] = earlier[1::2]
+        before = frame.left, frame.right
+        found.append(engine.step(sfm.StereoFrame(frame.stamp_ns, *images)))
+    assert all(e.status is sfm.Status.DEGRADED and "interlaced" in e.reason for e in found[4:])
 
 
 @pytest.mark.parametrize("interlaced", [True, False])

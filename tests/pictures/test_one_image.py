@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.pictures.one_image import OneImage, delivered
-from stream_sfm.pictures.prepared import Image, PreparedImages
+from stream_sfm.pictures.one_image import OneImage
+from stream_sfm.pictures.prepared import Delivered, Image, PreparedImages
 from tests.helpers.places import ROOM
 
 RNG = np.random.default_rng(0)
@@ -14,7 +14,9 @@ TEXTURE = RNG.integers(0, 256, (60, 80)).astype(np.uint8)
 
 def nats(left: Image, right: Image) -> float | None:
     check = OneImage()
-    return check.nats(PreparedImages.of(left, right, 0, delivered=delivered(left, right, check.rules)), ())
+    return check.nats(
+        PreparedImages.of(left, right, 0, delivered=Delivered.of(left, right, check.rules.spacing_px)), ()
+    )
 
 
 @pytest.mark.parametrize("noise", [0, 2])

@@ -47,27 +47,16 @@ def estimate(i: int, points: int = 5) -> FrameEstimate:
     pose = se3.exp(0.1 * i * np.array([0.2, 0.1, 1, 0.1, 0.2, 0.3]))
     in_cam = rng.uniform(1, 4, size=(points, 3))
     return FrameEstimate(
-        frame_index=i,
-        stamp_ns=START_NS + i * 100_000_000,
-        status=Status.OK if i else Status.INITIALISING,
-        reason="" if i else "first frame",
-        world_from_cam=pose,
-        cov_pose=half @ half.T,
-        track_ids=np.arange(i, i + points, dtype=np.int64),
-        points_in_cam=in_cam,
-        cov_points=cov,
-        points_in_world=se3.transform(pose, in_cam),
-        cov_points_in_world=cov,
-        window_frame_indices=np.array([i]),
-        window_world_from_cam=pose[None],
-        ended_ids=np.array([i - 1] if i else [], dtype=np.int64),
+        frame_index=i, stamp_ns=START_NS + i * 100_000_000, status=Status.OK if i else Status.INITIALISING,
+        reason="" if i else "first frame", world_from_cam=pose, cov_pose=half @ half.T,
+        track_ids=np.arange(i, i + points, dtype=np.int64), points_in_cam=in_cam, cov_points=cov,
+        points_in_world=se3.transform(pose, in_cam), cov_points_in_world=cov, window_frame_indices=np.array([i]),
+        window_world_from_cam=pose[None], ended_ids=np.array([i - 1] if i else [], dtype=np.int64),
         ended_points_in_world=np.full((1 if i else 0, 3), float(i)),
         ended_cov_points_in_world=np.tile(np.eye(3), (1 if i else 0, 1, 1)),
-        counts={"tracked": points, "new": 1, "used": points, "rejected": 0},
-        nis=3.5,
-        nis_dof=4,
+        counts={"tracked": points, "new": 1, "used": points, "rejected": 0}, nis=3.5, nis_dof=4,
         timings_ms={"frontend": 1.0, "estimator": 2.0},
-    )
+    )  # fmt: skip
 
 
 def write(path: Path, estimates, *settings) -> Path:
@@ -160,13 +149,10 @@ def test_a_file_of_an_earlier_version_is_refused_with_the_way_out(tmp_path: Path
 @pytest.mark.parametrize(
     ("earlier", "missing"),
     [
-        ("without_motions", ("relative", "common", "rig")),
-        ("without_rig", ("common", "rig")),
-        ("without_timing", ("common",)),
-        ("without_common_errors", ("common",)),
-        ("without_rates", ()),
+        ("without_motions", ("relative", "common", "rig")), ("without_rig", ("common", "rig")),
+        ("without_timing", ("common",)), ("without_common_errors", ("common",)), ("without_rates", ()),
     ],
-)
+)  # fmt: skip
 def test_files_of_each_earlier_schema_are_read(earlier: str, missing: tuple[str, ...], tmp_path: Path):
     """Three frames of the sample log, written by the versions before each new field; named by what they lack."""
     warnings: list[str] = []

@@ -21,7 +21,8 @@ from ...record import changed
 from ...types import Observations, Solution
 from ..lifecycle import WorldPoints, frame_status, solution_of
 from ..triangulation import counted_cov, triangulate, usable_births
-from ..window.inertia.inertia import Inertia, inertial_estimate
+from ..window.inertia.checks import inertial_estimate
+from ..window.inertia.inertia import Inertia
 from ..window.inertia.interval import JOINT, Known
 from ..window.inertia.takes_samples import InertialMotionModel, TakesSamples
 from .baseline import Baseline

@@ -31,8 +31,8 @@ class Doubt:
     """A block of a map's state, in axes of the reference camera.
 
     `cov` (6, 6): of second motions, any of which may have been the camera's, one in each of the last `frames`;
-    `motions`: those that were followed; `confirmed`: how many of the last ones the tracks of the first frame after them
-    confirm, None in these frames. `cov_slides` (6, 6): of apparent rotations by patches that slid alike.
+    `motions`: those that were followed; `after` (n,): the tracks of the first frame after them, None in these frames.
+    `cov_slides` (6, 6): of apparent rotations by patches that slid alike.
     `cov_left` (6, 6): of second motions that were not excluded when later ones were.
     """
 
@@ -40,7 +40,7 @@ class Doubt:
     cov_slides: Array = field(default_factory=_none)
     frames: int = 0
     motions: tuple[InQuestion, ...] = ()
-    confirmed: int | None = None
+    after: NDArray[np.int64] | None = None
     cov_left: Array = field(default_factory=_none)
 
     def seen_from(self, cam_from_ref: Array) -> "Doubt":
@@ -69,8 +69,7 @@ class Doubt:
         """
         second = motion.ambiguous
         if second is None:
-            confirmed = self._confirmed_by(ids) if self.confirmed is None else self.confirmed
-            return changed(self, frames=0, confirmed=confirmed), None
+            return changed(self, frames=0, after=ids if self.after is None else self.after), None
         frames = max(self.frames, second.lasted) + 1
         first_from_second = motion.cam_from_ref @ se3.inverse(second.cam_from_ref)  # of the newest camera
         apart = np.linalg.norm(se3.log(first_from_second).reshape(2, 3), axis=1)
@@ -85,28 +84,20 @@ class Doubt:
         motions = (*self.motions, InQuestion(ids, cov))
         if len(motions) > _MOST:  # memory is bounded: the oldest one can no longer be confirmed
             motions = (InQuestion(ids[:0], motions[1].cov), *motions[2:])
-        return changed(self, cov=cov, frames=frames, motions=motions, confirmed=None), ambiguity
+        return changed(self, cov=cov, frames=frames, motions=motions, after=None), ambiguity
 
-    def _confirmed_by(self, ids: NDArray[np.int64]) -> int:
-        """Return how many of the last motions are the camera's if the tracks `ids` (n,) are the scene's.
+    def settled(self, ids: NDArray[np.int64]) -> tuple["Doubt", int]:
+        """Return the doubt after tracks `ids` (n,) have proved to be the scene's, and how many motions this confirms.
 
-        A motion is confirmed if many of its tracks are among these, and so are all motions after it.
+        A motion is confirmed if many of its tracks agreed in the first frame after the ambiguity, and so are all after
+        it; none is if few of these tracks are left. The uncertainty of the path before them stays.
         """
-        for n, motion in enumerate(reversed(self.motions)):
-            if np.count_nonzero(core.among(motion.ids, ids)) < MANY_VIEWS:
-                return n
-        return len(self.motions)
-
-    def settled(self) -> tuple["Doubt", int]:
-        """Return the doubt after the motion followed has proved to be the camera's, and how many motions this confirms.
-
-        These are those that the tracks of the first frame after them confirm. The uncertainty of the path before them
-        stays.
-        """
-        confirmed = len(self.motions) if self.confirmed is None else self.confirmed
-        first = len(self.motions) - confirmed
+        after, first = ids if self.after is None else self.after, len(self.motions)
+        if np.count_nonzero(core.among(after, ids)) >= MANY_VIEWS:
+            while first and np.count_nonzero(core.among(self.motions[first - 1].ids, after)) >= MANY_VIEWS:
+                first -= 1
         left = self.cov_left + (self.motions[first - 1].cov if first else 0)
-        return Doubt(cov_slides=self.cov_slides, cov_left=left), confirmed
+        return Doubt(cov_slides=self.cov_slides, cov_left=left), len(self.motions) - first
 
     def of_newest(self, cam_from_ref: Array) -> Array:
         """Return its contribution to the covariance (6, 6) of the newest pose, that of a camera (4, 4)."""

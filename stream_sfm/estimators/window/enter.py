@@ -99,7 +99,7 @@ def entered(
     )
     views = changed(views, frame=np.full(len(views), len(current.frames) - 1), used=(known | new) & wanted)
     if frame.rig is not None:
-        views = held(expected(current.state(), views, frame.rig), *current.places, current.rules.rests_px)
+        views = held(expected(current.state, views, frame.rig), *current.places, current.rules.rests_px)
         views = at_rest(views, frame.rig, current.prior.rig.age_s(frame.stamp_ns))
         current = changed(current, places=(views.ids, views.expected_px))
     # unused views are never used again: of these, only the drift of points in the map is needed
@@ -147,7 +147,7 @@ def with_second(current: WindowState, motion: Resection, std_moved: Array) -> Wi
 def settled(current: WindowState) -> WindowState:
     """Drop the uncertainty about second motions as far back as tracks confirm the motions that were followed."""
     n, ambiguous = len(current.doubt.motions), [f.ambiguity.shape[1] > 0 for f in current.frames]
-    doubt, confirmed = current.doubt.settled()
+    doubt, confirmed = current.doubt.settled(current.agreeing(fewest=1))
     first = 0 if confirmed == n else max(sum(ambiguous) - confirmed, 0)
     of_ambiguous = np.cumsum(ambiguous) - 1
     frames = [

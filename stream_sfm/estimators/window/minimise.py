@@ -41,7 +41,7 @@ def minimised(current: WindowState, rules: WindowConfig, gate_probability: float
 
 def gauss_newton_step(current: WindowState) -> tuple[WindowState, float]:
     """Move poses, points and modes by one step, and return the predicted decrease of the sum of squares."""
-    blocks, inertial = linearise(current.projection, current.state(), current.views), None
+    blocks, inertial = linearise(current.projection, current.state, current.views), None
     known = np.searchsorted(current.points.ids, current.prior.ids)
     if current.inertia is not None and current.frames:
         inertia, inertial = current.inertia.linearised(current.cams_from_ref, current.inertial_state)
@@ -70,6 +70,6 @@ def gated(current: WindowState, probability: float) -> WindowState:
     """Stop using the views that contradict the joint minimum, each by its own covariance and slide, eq. (26a)."""
     views, gates = current.views, (chi2_gate(2, probability), chi2_gate(4, probability))
     slides = slides_px2(current.projection, views)
-    used = core.views_within_gates(current.projection, current.state(), views, slides, *gates)
+    used = core.views_within_gates(current.projection, current.state, views, slides, *gates)
     rejections = current.rejections.with_more(views.ids[views.used & ~used])
     return changed(current, rejections=rejections, views=changed(views, used=used))

@@ -2,7 +2,8 @@
 
 The errors that the views of a frame share have e amplitudes per frame (`own`). Given the poses, these amplitudes and
 the common modes of the prior, points are independent of each other. So each point is eliminated separately, eqs. (27)
-and (30) (Schur complement, Triggs et al. 2000, section 6).
+and (30) (Schur complement, Triggs et al. 2000, section 6). The core sums over views and points; products of large
+matrices are NumPy's, whose BLAS takes 0.36 ms for 468 × 171 where portable C++ takes 0.97.
 """
 
 from copy import copy

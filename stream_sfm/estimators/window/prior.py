@@ -20,6 +20,7 @@ state (`interval.py`) is expressed in the same modes as the world.
 """
 
 from dataclasses import field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,7 +122,7 @@ class Prior:
         mean = self.rig.mean
         return np.asarray(mean + amplitudes[len(amplitudes) - len(mean) :])
 
-    @property
+    @cached_property
     def of_modes(self) -> Layout:
         """The layout of the modes: the prior's own, and those of the rig's errors."""
         return layout(own=self.modes.shape[2] - len(self.rig), rig=len(self.rig))
@@ -165,49 +166,37 @@ class Prior:
         """Return the posterior given the views of one camera, with that camera as the new reference, eqs. (31)–(35).
 
         `amplitudes` y (k,), `cam_from_ref` X (4, 4) and `q` (N, 3): the current estimate, the linearisation point;
-        `anchors` (N, 4, 4): poses in the new reference; `blocks`: the normal equations of the views of these points.
-        Points that do not `stay` (N,) are marginalised afterwards, and `new` points are added, which share only the
-        rig's modes with the others.
+        `anchors` (N, 4, 4): poses in the new reference; `blocks`: of the views of these points. Those that do not
+        `stay` (N,) are marginalised, and `new` ones are added, which share only the rig's modes with the others.
 
         The anchors move with the points, C' = X C, so q does not change. The prior contains no information about the
         error ξ of the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without
-        prior information. The errors that the frame's views share add e modes with a prior of σ = 1; these come first
-        here. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
-        information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less the effect of the rig's modes on the views.
-        `leaving`: the inertial information about the frame, which adds twelve modes: its slide, its velocity and the
-        walk of the biases.
+        prior information. The errors that the frame's views share add e modes of σ = 1, which come first. With Λ =
+        D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have information S = P + Σ
+        FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less the effect of the rig's modes on the views. `leaving`: information about
+        slide, velocity and walk of biases of the frame, twelve more modes.
         """
-        ids_new, mean_new, cov_new, by_own, by_rig = new
-        e = by_own.shape[2]
+        (ids_new, mean_new, cov_new, by_own, by_rig), e = new, new[3].shape[2]
         at = self._with_frame(e, leaving is not None)
-        own = at["rig"].start
         world, state, world_modes = self._seen_from(cam_from_ref, amplitudes, leaving, at)
         s, whitened_modes, std, half, given, right = core.absorbing_system(blocks, self, anchors, q, amplitudes)
         flat_modes, flat_half = whitened_modes.reshape(-1, len(s) - e), half.reshape(-1, len(s))
         s[e:, e:] += flat_modes.T @ flat_modes
         s -= flat_half.T @ flat_half
         right -= flat_half.T @ given.ravel()
-        if leaving is not None:
-            s, right = self._with_leaving(leaving, s, right, at)
-        others = Elimination(s, own)
+        s, right = self._with_leaving(leaving, s, right, at)
+        others, own = Elimination(s, at["rig"].start), at["rig"].start
         step, weighted = others.reduced(right)
         # the other variables by the new modes and by the rig's errors, which only the window moves, and their step
         by_new = np.column_stack([others.root, others.by_others, step])
-
-        def carried(modes: Array, n: int) -> Array:
-            moved = product(modes[..., :n], by_new[:n])
-            moved[..., own:-1] += modes[..., n:]
-            return moved
-
-        world_modes, half = carried(world_modes, own), carried(half, half.shape[2] - len(self.rig))
+        world_modes = _carried(world_modes, by_new, own)
+        half = _carried(half, by_new, half.shape[2] - len(self.rig))
         modes_new = product(by_own, by_new[:e])
         modes_new[..., own:-1] += by_rig
-        mean_new = mean_new + modes_new[..., -1]
+        new_points = ids_new, mean_new + modes_new[..., -1], cov_new, modes_new[..., :-1]
         return filled(
             Prior,
-            core.absorbed_points(
-                self.ids, std, half, given, q, stays, ids_new, mean_new, cov_new, modes_new[..., :-1]
-            ),
+            core.absorbed_points(self.ids, std, half, given, q, stays, *new_points),
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[JOINT["pose"], -1])),
             world_modes=world_modes[:, :-1],
             rig=changed(self.rig, mean=self.rig_at(amplitudes), information=others.left, weighted=weighted),
@@ -238,11 +227,13 @@ class Prior:
             modes = np.concatenate([modes, rows])
         return self.world(amplitudes) @ se3.inverse(cam_from_ref), state, modes
 
-    def _with_leaving(self, leaving: Leaving, s: Array, right: Array, at: Layout) -> tuple[Array, Array]:
+    def _with_leaving(self, leaving: Leaving | None, s: Array, right: Array, at: Layout) -> tuple[Array, Array]:
         """Add the inertial information about a leaving frame to that about the modes, with the modes it adds.
 
         Only the lower triangle is complete.
         """
+        if leaving is None:
+            return s, right
         wide = np.zeros((at.size, at.size))
         first, rig, last = slice(0, at["slide"].start), at["rig"], slice(at["slide"].start, None)
         wide[first, first], wide[rig, first], wide[rig, rig] = s[first, first], s[last, first], s[last, last]
@@ -343,3 +334,14 @@ class Prior:
             modes=np.concatenate([modes[..., :fixed], kept, self.modes[..., rig]], axis=2),
             world_modes=np.concatenate([world_modes[:, :fixed], none, self.world_modes[:, rig]], axis=1),
         )
+
+
+def _carried(modes: Array, by_new: Array, n: int) -> Array:
+    """Return modes whose first n are of eliminated variables, as modes of the others, and their step in a last column.
+
+    `by_new` (…, k + 1): the eliminated variables by the others, of which the last ones are the rest of these modes.
+    """
+    moved, rest = product(modes[..., :n], by_new[:n]), modes[..., n:]
+    end = moved.shape[-1] - 1
+    moved[..., end - rest.shape[-1] : end] += rest
+    return moved

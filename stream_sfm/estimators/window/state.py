@@ -93,7 +93,7 @@ class WindowState:
         """The pose (4, 4) of the reference camera at the current amplitudes of the prior's modes."""
         return self.prior.world(self.amplitudes)
 
-    @property
+    @cached_property
     def rig_error(self) -> Array:
         """The errors (m,) of the rig at the current amplitudes, which are removed from the views."""
         return self.prior.rig_at(self.amplitudes)
@@ -113,12 +113,12 @@ class WindowState:
         """The newest frame, which is the reference until there is a second one."""
         return self.frames[-1] if self.frames else self.reference
 
-    @property
+    @cached_property
     def newest_cam_from_ref(self) -> Array:
         """The pose (4, 4) of the newest camera."""
         return self.cams_from_ref[-1] if self.frames else np.eye(4)
 
-    @property
+    @cached_property
     def newest(self) -> slice:
         """The rows of the newest frame's views."""
         return slice(int(np.searchsorted(self.views.frame, len(self.frames) - 1)), len(self.views))
@@ -133,8 +133,9 @@ class WindowState:
         """The cameras of the window (F, 4, 4), without apparent rotations by sliding patches if there is inertia."""
         return self.cams_from_ref if self.inertia is None else self.inertia.leads(self.cams_from_ref)[1]
 
+    @cached_property
     def state(self) -> State:
-        """Return the state that views are predicted from."""
+        """The state that views are predicted from."""
         points = self.points
         return State(self.cams_from_ref, points.ids, points.ref_from_anchor, points.q, self.rig_error, self.own)
 
@@ -167,7 +168,7 @@ class WindowState:
         """Return the state with another prior, at its mean."""
         return changed(self, prior=prior, amplitudes=np.zeros(prior.modes.shape[2]))
 
-    @property
+    @cached_property
     def cov_doubt(self) -> Array:
         """The covariance (6, 6) that second motions, and patches that slide alike, add to the newest pose."""
         return self.doubt.of_newest(self.newest_cam_from_ref)
@@ -182,4 +183,4 @@ class WindowState:
 
     def newest_marginals(self) -> Marginals:
         """Return the marginals of the newest frame from the latest system."""
-        return Marginals.compute(self.system, self.state(), self.world_from_ref).doubted(self.cov_doubt)
+        return Marginals.compute(self.system, self.state, self.world_from_ref).doubted(self.cov_doubt)

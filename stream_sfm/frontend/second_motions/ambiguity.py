@@ -2,20 +2,15 @@
 
 Two sets of tracks move differently, and nothing shows which of them is static. If one of them leaves the view, this
 does not prove that the other one is the background. So the ambiguity continues until points that begin in the meantime
-confirm the motion followed (`confirmation.py`). A frame is not ambiguous if both sets are in view and one motion
-explains them, whichever of them is the background. If the scene is repetitive (`repetition.py`), a frame is ambiguous
+confirm the motion followed (`confirmation.py`). If the scene is repetitive (`repetition.py`), a frame is ambiguous
 until something unique comes into view, and points that begin then confirm or refute the motion.
 """
 
 from dataclasses import field
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ... import core
 from ...config.rules import MotionRules
 from ...geometry import Array, se3
-from ...geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion
+from ...geometry.resection import Resection, SecondMotion
 from ...record import changed, record
 from ..tracks import Tracks
 from .confirmation import Confirmation
@@ -26,16 +21,13 @@ class AmbiguityMemory:
     """The `last` second motion, and its difference from the motion followed, `second_from_first` (4, 4).
 
     `confirmation`: of the motion followed, since the last frame with a second motion. `repeats`: the ambiguity exists
-    because the scene looks the same under both motions. `is_new`: none of its tracks were followed before. `ids` (m,):
-    its tracks.
+    because the scene looks the same under both motions.
     """
 
     last: SecondMotion | None = None
     second_from_first: Array | None = None
     confirmation: Confirmation = field(default_factory=lambda: Confirmation.sought(MotionRules()))
     repeats: bool = False
-    is_new: bool = False
-    ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     @classmethod
     def none(cls, rules: MotionRules) -> "AmbiguityMemory":
@@ -54,43 +46,20 @@ class AmbiguityMemory:
 
         The second motion is one for which the scene looks `alike`, or the frame's own, or one that differs from the
         frame's motion as the last one did. `before` (n): the tracks of its views. Also returns whether an ambiguity was
-        resolved in favour of the motion followed: the second set proves to be a body in front of the scene, or new
-        points have confirmed the motion, and the view had been repetitive or enough of the former background still
-        agrees and none of it was in the second set.
+        resolved in favour of the motion followed, which new points have confirmed.
         """
         rules, second = self.confirmation.rules, alike or motion.ambiguous
-        old, none = before.agreed >= rules.full_history, AmbiguityMemory.none(rules)
         if second is not None:
             apart = second.cam_from_ref @ se3.inverse(motion.cam_from_ref)
-            new = alike is not None or old[second.views].sum() < MIN_VIEWS
-            new = bool(new and not second.lasted and (self.is_new or not self.lasts))
-            ids = self.ids if alike is not None else before.ids[second.views]
             sought = Confirmation.sought(rules, int(before.ids[-1]) + 1)
-            return AmbiguityMemory(second, apart, sought, alike is not None, new, ids), second, False
+            return AmbiguityMemory(second, apart, sought, alike is not None), second, False
         remembered = self.second_beside(motion.cam_from_ref)
         if remembered is None:
-            return none, None, False
-        if self._is_of_body(motion, before):
-            return none, None, True
+            return self, None, False
         confirmation = self.confirmation.after(before.ids, motion.accepted)
         if confirmation.is_there:
-            settled = self.repeats or (self.is_new and (motion.accepted & old).sum() >= MANY_VIEWS)
-            return none, None, bool(settled)
-        is_one = self.repeats or self._is_explained(motion, before)
-        return changed(self, confirmation=confirmation), None if is_one else remembered, False
-
-    def _is_of_body(self, motion: Resection, before: Tracks) -> bool:
-        """Whether the second set is still in view, and lies in front of the points of the motion."""
-        second = motion.second
-        if second is None or not second.in_front:
-            return False
-        return bool(np.count_nonzero(core.among(before.ids[second.views], self.ids)) >= MIN_VIEWS)
-
-    def _is_explained(self, motion: Resection, before: Tracks) -> bool:
-        """Whether the second set is still in view, and nearly all of it agrees with the motion."""
-        its = core.among(before.ids, self.ids)
-        n_agree = np.count_nonzero(its & motion.accepted)
-        return bool(n_agree >= MANY_VIEWS and n_agree >= self.confirmation.rules.as_many * np.count_nonzero(its))
+            return AmbiguityMemory.none(rules), None, True
+        return changed(self, confirmation=confirmation), None if self.repeats else remembered, False
 
     def second_beside(self, cam_from_ref: Array) -> SecondMotion | None:
         """Predict the alternative motion: a given one (4, 4) composed with the last difference."""

@@ -11,8 +11,9 @@ from ....config import RigConfig
 from ....config.inertia_rules import InertiaRules
 from ....geometry import Array, se3
 from ....geometry.linear import mahalanobis2, symmetric
-from ....inertial.state import ACCEL_BIAS, FIXED, GRAVITY, GRAVITY_M_S2
+from ....inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GRAVITY, GRAVITY_M_S2, GYRO_BIAS, SCALE, VELOCITY
 from ....record import changed, record
+from ....types import InertialEstimate
 from .interval import JOINT, Known
 
 _SIZES = (1, 3, 1)  # of scale, axes and clock
@@ -56,6 +57,11 @@ class Densities:
         likely = np.where(at_least > 1, np.maximum(known, at_least), known)
         factors = np.clip(np.sqrt(likely), rules.least_factor, rules.most_factor)
         return cls(rules, squares, shares, plain, sheet, factors)
+
+    @property
+    def explain_residuals(self) -> bool:
+        """Whether the accelerometer errs by no more than its own noise makes credible, as a wrong axis would."""
+        return bool(self.factors[1] < self.rules.most_unexplained * np.sqrt(self.sheet[1]))
 
     @classmethod
     def begun(cls, rules: InertiaRules, noise: Array | None = None) -> "Densities":
@@ -156,3 +162,17 @@ def with_odds(known: Known, cov: Array, std_fixed: Array, rig: RigConfig) -> Kno
     pose = se3.orthonormalise(known.world_from_cam @ se3.exp(moved[JOINT["pose"]]))
     cov = symmetric(cov + np.outer(moved, moved))  # the squared moves of the fixed parameters are added
     return Known(known.stamp_ns, pose, state, cov)
+
+
+def inertial_estimate(known: Known, factors: Array, std_tilt_rad: float = 0.0) -> InertialEstimate:
+    """Return the reported form of a state, whose gravity may also have turned by `std_tilt_rad`, eq. (87a).
+
+    `factors` (2 or more): on the noise densities of gyroscope and accelerometer.
+    """
+    s, cov = known.state, known.cov.copy()
+    turns, at = se3.skew(s[GRAVITY]), JOINT.within("state", GRAVITY)
+    cov[at, at] += std_tilt_rad**2 * turns @ turns.T
+    return InertialEstimate(
+        *(s[VELOCITY], s[GRAVITY], s[GYRO_BIAS], s[ACCEL_BIAS], float(s[SCALE][0]), s[AXES], float(s[CLOCK][0])),
+        *(cov, factors[:2]),
+    )

@@ -17,7 +17,7 @@ from ....geometry.linear import symmetric
 from ....geometry.resection import Resection, SecondMotion
 from ....inertial.buffer import SampleBuffer
 from ....inertial.samples import ImuCalibration, ImuSamples
-from ....inertial.state import ACCEL_BIAS, AXES, CLOCK, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
+from ....inertial.state import AXES, CLOCK, GRAVITY, GYRO_BIAS, STATE, VELOCITY
 from ....record import changed
 from ....types import ExpectedMotion, InertialEstimate, InertialView, Prediction
 from ...lifecycle import LostError
@@ -25,7 +25,7 @@ from ..absorb import with_inertia, without_inertia
 from ..state import WindowState
 from ..window_frame import WindowFrame
 from .belief import Belief, Innovation, Steadiness
-from .checks import Densities, Jitter, impossible, with_odds
+from .checks import Densities, Jitter, impossible, inertial_estimate, with_odds
 from .inertial_window import InertialWindow
 from .interval import JOINT, Interval, Known, Transition, transition
 from .trial import beside, corrected
@@ -108,9 +108,8 @@ class Inertia:
         state[GRAVITY] = -self._calibration.cam_from_imu[:3, :3] @ mean
         rules = self._rules
         wide = rules.std_velocity_m_s, rules.std_start_m_s2, rules.std_gyro_bias_rad_s, rules.std_accel_bias_m_s2
-        std = np.repeat(wide, 3)
         joint[JOINT["pose"], JOINT["pose"]] = cov_pose
-        joint[JOINT["state"], JOINT["state"]] = np.diag(np.r_[std, self._std_fixed] ** 2)
+        joint[JOINT["state"], JOINT["state"]] = np.diag(np.r_[np.repeat(wide, 3), self._std_fixed] ** 2)
         return Known(stamp_ns, world_from_cam, state, joint)
 
     def begin(self, current: WindowState, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> WindowState:
@@ -169,8 +168,7 @@ class Inertia:
         known = ahead.predicted(stamp_ns)
         if known is None:
             return None
-        inertial = inertial_estimate(known, self._densities.factors)
-        return Prediction(stamp_ns, known.world_from_cam, known.cov_pose, inertial)
+        return Prediction(stamp_ns, known.world_from_cam, known.cov_pose, self.estimated(known))
 
     def _interval(self, first_ns: int, last_ns: int, state: Array) -> Interval:
         calibration = self._calibration
@@ -347,7 +345,7 @@ class Inertia:
         std_m, std_rad = (float(np.sqrt(np.linalg.eigvalsh(known.cov[k : k + 3, k : k + 3])[-1])) for k in (0, 3))
         if not (std_m <= self._config.max_std_m and std_rad <= self._rules.max_std_turn_rad):
             return None
-        return replace(inertial_estimate(known, self._densities.factors), dead_reckoned=True)
+        return replace(self.estimated(known), dead_reckoned=True)
 
     def report(self, current: WindowState, smoothed: WindowState) -> tuple[Known | None, InertialEstimate | None]:
         """Return the newest pose and state, with zero for improbable errors; None without inertia.
@@ -373,33 +371,27 @@ class Inertia:
         doubted = known.cov.copy()
         doubted[JOINT["pose"], JOINT["pose"]] += current.cov_doubt
         self.now = changed(known, cov=doubted)  # predictions begin there
-        note = "; ".join(filter(None, [self.contradiction, self._note]))
-        estimate = inertial_estimate(self.now, self._densities.factors, self._distance2, note)
         self._steadiness, moved = self._steadiness.after(known)
         moved = moved and self._belief.is_proven  # its noise is not known before
         if moved or impossible(known.state, known.cov_state, self._rules):  # forget a state from a wrong motion
             self._belief, self._steadiness = self._belief.restarted(), Steadiness(self._rules)
             self._restart = self.begun(stamp_ns, known.world_from_cam, known.cov_pose)
+        note = "; ".join(filter(None, [self.contradiction, self._note]))
+        estimate = replace(self.estimated(self.now), distance2=self._distance2, note=note)
         if self._belief.is_out:
             self._end(f"{self._belief.problem}: {_BY_IMAGES}")
         return known, estimate
+
+    def estimated(self, known: Known) -> InertialEstimate:
+        """Return the reported form of a state: down may be anywhere while the samples are not proven."""
+        is_known = self._belief.is_proven and self._densities.explain_residuals
+        return inertial_estimate(known, self._densities.factors, 0.0 if is_known else self._rules.std_any_tilt_rad)
 
     def placed(self, estimate: InertialEstimate | None, world_from_cam: Array) -> InertialEstimate | None:
         """Move the latest pose to the reported one; the move is a known error, and is added to its covariance."""
         if self.now is None or estimate is None:
             return estimate
-        by = se3.log(se3.inverse(world_from_cam) @ self.now.world_from_cam)
-        cov = self.now.cov.copy()
-        cov[JOINT["pose"], JOINT["pose"]] += np.outer(by, by)
-        self.now = Known(self.now.stamp_ns, world_from_cam, self.now.state, cov)
-        return replace(estimate, cov=cov)
-
-
-def inertial_estimate(known: Known, factors: Array, distance2: float = 0.0, note: str = "") -> InertialEstimate:
-    """Return the reported form of a state."""
-    s = known.state
-    return InertialEstimate(
-        *(s[VELOCITY], s[GRAVITY], s[GYRO_BIAS], s[ACCEL_BIAS], float(s[SCALE][0]), s[AXES], float(s[CLOCK][0])),
-        *(known.cov, factors[:2], distance2),
-        note=note,
-    )
+        by, moved = se3.log(se3.inverse(world_from_cam) @ self.now.world_from_cam), np.zeros_like(estimate.cov)
+        moved[JOINT["pose"], JOINT["pose"]] = np.outer(by, by)
+        self.now = Known(self.now.stamp_ns, world_from_cam, self.now.state, self.now.cov + moved)
+        return replace(estimate, cov=estimate.cov + moved)

@@ -40,7 +40,7 @@ def _reported(
     if learns and factors.asks_for(current.frames[-1].index):
         factors = factors.after(squares_of_halves(current, factors.rules))
     views, factor = current.views, factors.by_span[-1]
-    ids, tracks = current.points.ids, core.squares_of_tracks(current.projection, current.state(), views)
+    ids, tracks = current.points.ids, core.squares_of_tracks(current.projection, current.state, views)
     residuals = *tracks, core.among(ids, current.prior.ids)
     row = np.minimum(np.searchsorted(ids, views.ids), len(ids) - 1)
     share = np.where(ids[row] == views.ids, noise.information(*residuals)[row], 1.0)
@@ -54,7 +54,7 @@ def _reported(
     system = System(
         result.prior.given_rig(result.amplitudes[k - m :]),
         np.searchsorted(result.points.ids, result.prior.ids),
-        linearise(result.projection, result.state(), result.views, with_rig=False),
+        linearise(result.projection, result.state, result.views, with_rig=False),
         result.points.q,
         result.amplitudes[: k - m],
         inertial,

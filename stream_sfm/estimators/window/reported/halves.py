@@ -77,7 +77,7 @@ def squares_of_halves(of: WindowState, rules: ReportedRules) -> Array:
     found = np.full((2, len(of.frames)), np.nan)
     from_newest = of.cams_from_ref[:-1] @ se3.inverse(of.cams_from_ref[-1])
     with suppress(np.linalg.LinAlgError):
-        parts = _poses_by(alone, _quarters(alone, alone.state(), rules.halves_least), 4)
+        parts = _poses_by(alone, _quarters(alone, alone.state, rules.halves_least), 4)
         for kind, (first, second) in enumerate(
             ((0, 1), (0, 2))
         ):  # quarters of even tracks, and of those on the left
@@ -92,7 +92,7 @@ def _unselected(of: WindowState, most: float) -> WindowState:
     """Return the map with all views of its points, equally weighted, but gross mismatches: those beyond `most` σ²."""
     views = changed(of.views, used=np.ones(len(of.views), bool))
     slides = slides_px2(of.projection, views)
-    near = core.views_within_gates(of.projection, of.state(), views, slides, most, most)
+    near = core.views_within_gates(of.projection, of.state, views, slides, most, most)
     root, weight = views.root / views.weight[:, None, :], np.ones_like(views.weight)
     return without_undetermined(changed(of, views=changed(views, used=near, root=root, weight=weight)))
 
@@ -119,7 +119,7 @@ def _quarters(of: WindowState, at: State, least: float) -> NDArray[np.int64]:
 
 def _poses_by(of: WindowState, parts_of: NDArray[np.int64], parts: int) -> list[tuple[Array, Array]]:
     """Return the normal equations of the poses by parts of the points, given all else: (n, n) and (n,) each."""
-    at, frames = of.state(), len(of.frames)
+    at, frames = of.state, len(of.frames)
     blocks = linearise(of.projection, at, of.views, with_rig=False)
     # a trace of what is known from earlier frames: points that no stereo view of the window shows have depths
     blocks.v[np.searchsorted(of.points.ids, of.prior.ids)] += _TRACE * np.linalg.inv(of.prior.cov)
