@@ -46,3 +46,4 @@ class Sink(Protocol):
 
     def close(self) -> None:
         """Finish: no more frames will come."""
+        return None
