@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import RigError
 from ..geometry import Array, se3
-from ..geometry.stereo import StereoProjection
+from ..geometry.stereo import StereoProjection, places_over_image
 from .lens import distortion, project_into_image, rays_of
 from .models import Camera
 from .over_image import ExposedRows, FocalEffect
@@ -140,9 +140,7 @@ class Rectifier:
     @cached_property
     def _nodes(self) -> Array:
         """Positions (n, 2) px spread over a rectified image."""
-        p = self.projection
-        u, v = np.meshgrid(*(np.linspace(0, edge - 1, SETTINGS.nodes) for edge in (p.width, p.height)))
-        return np.stack([u.ravel(), v.ravel()], axis=1)
+        return places_over_image(self.projection, SETTINGS.nodes, SETTINGS.nodes)
 
     def _polynomials(self, values: Sequence[Array]) -> list[ExposedRows]:
         """Return k polynomials over both images, fitted to values (n, k) at the places of each side."""

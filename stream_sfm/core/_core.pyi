@@ -1,6 +1,6 @@
 # The compiled core as Python calls it, written by tools/build/stub.py from the module. Arrays of another type or order
 # are copied; one of a wrong shape is a ValueError (TypeError: of a wrong number of axes). Images are (h, w) grey;
-# what lies beyond their border is as its rim.
+# what lies beyond their border is as its rim. A record without a comment is described where Python has one of its name.
 
 from typing import Protocol
 
@@ -21,7 +21,6 @@ MIN_VIEWS: int
 PATCH_RADIUS_PX: int
 
 class PointRules(Protocol):
-    # The settings of new points, as in `PointRules`.
     @property
     def std_grey(self) -> float: ...
     @property
@@ -56,7 +55,6 @@ class PointRules(Protocol):
     def candidates(self) -> int: ...
 
 class TemplateRules(Protocol):
-    # The settings of templates, as in `TemplateRules`.
     @property
     def weights_width(self) -> float: ...
     @property
@@ -89,8 +87,6 @@ class TemplateRules(Protocol):
     def exposures(self) -> int: ...
 
 class PhysicalAxes(Protocol):
-    # Axes of the physical camera: the `rotation` (3, 3) of points into them, and σ of errors that no view shows,
-    # relative ones of lengths and rotations of the axes about x and y.
     @property
     def rotation(self) -> Array: ...
     @property
@@ -99,8 +95,6 @@ class PhysicalAxes(Protocol):
     def std_axes_rad(self) -> float: ...
 
 class Field(Protocol):
-    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (U V, K): K
-    # functions as sums of kernels.
     @property
     def u_px(self) -> Array: ...
     @property
@@ -111,8 +105,6 @@ class Field(Protocol):
     def root(self) -> Array: ...
 
 class Rows(Protocol):
-    # Estimated row differences: amplitudes (7 + K,) of polynomial, delay and field with their covariance, the
-    # scatter of matches and the largest row difference.
     @property
     def projection(self) -> Pinholes: ...
     @property
@@ -129,16 +121,12 @@ class Rows(Protocol):
     def rules(self) -> RowGates: ...
 
 class ExposedRows(Protocol):
-    # The rows of the raw images in which views are exposed: size of the rectified image, and coefficients (s, k, k)
-    # of one polynomial for both sides or of one for each.
     @property
     def size_px(self) -> tuple[float, float]: ...
     @property
     def coefficients(self) -> Array: ...
 
 class Timing(Protocol):
-    # Delay and readout, seconds: mean (2,) and covariance (2, 2), and the twist (6,) in the previous frame, None if
-    # unknown.
     @property
     def row_of(self) -> ExposedRows: ...
     @property
@@ -156,8 +144,6 @@ class Mixture(tuple[Array, Array, float]):
     p_wrong: float
 
 class RightSides(Protocol):
-    # Predicts right sides: by row differences, a turn (3,) of the right camera, which is subtracted from
-    # measurements there, and the twist (6,) of the points.
     @property
     def rows(self) -> Rows: ...
     @property
@@ -176,7 +162,6 @@ class TemplateConfig(Protocol):
     def max_photometric_error(self) -> float: ...
 
 class ViewNoise(Protocol):
-    # The number of pixels that share one noise value, and the variance factor of views.
     @property
     def shared_pixels(self) -> float: ...
     @property
@@ -210,9 +195,6 @@ class TemplateKind(Protocol):
     def rules(self) -> TemplateRules: ...
 
 class Tracks(Protocol):
-    # Tracks: homogeneous points (n, 4) at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left
-    # positions, anchor cameras (n, 4, 4) with left velocities (n, 2) px/s and slopes (n, 2) of 1/Z, gains and
-    # offsets (n, 2) of the last left image over the template, and image pixels (n,) per pixel of the template.
     @property
     def points(self) -> Array: ...
     @property
@@ -231,8 +213,6 @@ class Tracks(Protocol):
     def scale(self) -> Pixels: ...
 
 class Templates(Protocol):
-    # Templates of one kind: left and right image at their scale (None: without right sides), stored patches as in
-    # `warp_patches`, and the pixels (h, w) of the left image around which a whole patch shows the scene.
     @property
     def left(self) -> Image: ...
     @property
@@ -361,15 +341,12 @@ class ResectionRules(Protocol):
     def places(self) -> int: ...
 
 class TurnRules(Protocol):
-    # The σ of a knock about each axis, and the largest number of reweighting steps.
     @property
     def std_rad(self) -> float: ...
     @property
     def steps(self) -> int: ...
 
 class Wanted(Protocol):
-    # Whether to look for a second motion; whether most views already agree with the start; whether no motion other
-    # than the start's is to be sought; whether to search all motions in any case.
     @property
     def second(self) -> bool: ...
     @property
@@ -380,8 +357,6 @@ class Wanted(Protocol):
     def search(self) -> bool: ...
 
 class WindowState(Protocol):
-    # The state of a window: poses (F, 4, 4); points with ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the
-    # rig's errors (m,); amplitudes (F, e) of each frame's own.
     @property
     def cams_from_ref(self) -> Array: ...
     @property
@@ -424,15 +399,12 @@ class WindowViews(Protocol):
     def moves(self) -> Array: ...
 
 class RigState(Protocol):
-    # Information (m, m) about errors of the rig, and weighted sums (m,) of their amplitudes.
     @property
     def information(self) -> Array: ...
     @property
     def weighted(self) -> Array: ...
 
 class Prior(Protocol):
-    # Points of a prior (N,): mean (N, 3), D (N, 3, 3) and modes F (N, 3, k), the last m of which are those of the
-    # rig's errors.
     @property
     def mean(self) -> Array: ...
     @property
@@ -458,7 +430,6 @@ class NormalBlocks(tuple[Array, Array, Array, Array, Array, Array, Array, Array,
     g_rig: Array
 
 class CovariancePart(Protocol):
-    # One of two parts of the joint covariance of points, a pose and the world, as in normal_equations.py.
     @property
     def root(self) -> Array: ...
     @property

@@ -41,8 +41,8 @@ was not found; and the gains and offsets (n, 2) of this image.)",
 
 void bind_images(nb::module_& m) {
     m.attr("PATCH_RADIUS_PX") = PATCH_RADIUS_PX;
-    describe_taken<PointRules>(m, R"(The settings of new points, as in `PointRules`.)");
-    describe_taken<TemplateRules>(m, R"(The settings of templates, as in `TemplateRules`.)");
+    describe_taken<PointRules>(m);
+    describe_taken<TemplateRules>(m);
     bind_images_of<std::uint8_t>(m);  // before bytes would be converted to floats
     bind_images_of<float>(m);
     def<&unfilter_png>(m, "unfilter_png", R"(Return bytes (h, w) of a PNG image with one or two per `pixel`, from rows (h, 1 + w) that begin with their filter.

@@ -6,8 +6,7 @@
 namespace binding {
 
 void bind_poses(nb::module_& m) {
-    describe_taken<PhysicalAxes>(m, R"(Axes of the physical camera: the `rotation` (3, 3) of points into them, and σ of errors that no view shows, relative
-ones of lengths and rotations of the axes about x and y.)");
+    describe_taken<PhysicalAxes>(m);
     def<&among>(m, "among", R"(Return which of `ids` (n,) are in `known`, which is ascending.)",
         "ids"_a, "known"_a);
     def<&times_among>(m, "times_among", R"(Return how often each of the ascending `ids` (n,) is in those of `others` (m,) that are `counted`.)",

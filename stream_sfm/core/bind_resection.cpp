@@ -12,9 +12,8 @@ squared residuals; whether enough views agree and determine the motion (`ok`); s
 votes, amplitudes (j,) of shared errors and their covariance (j, j).)");
     describe_returned<Second>(m, R"(A second motion (4, 4), its covariance (6, 6), the views (n,) that agree only with it, and their odds.)");
     describe_taken<ResectionRules>(m, R"(The settings of a resection, as in `RobustRules`.)");
-    describe_taken<TurnRules>(m, R"(The σ of a knock about each axis, and the largest number of reweighting steps.)");
-    describe_taken<Wanted>(m, R"(Whether to look for a second motion; whether most views already agree with the start; whether no motion other than the
-start's is to be sought; whether to search all motions in any case.)");
+    describe_taken<TurnRules>(m);
+    describe_taken<Wanted>(m);
     def<&fit_motion>(m, "fit_motion", R"(Return the motion of the views that agree with one near it, eqs. (22) and (23).
 
 It starts at a motion (4, 4) and amplitudes (j,). `anneal`: use Cauchy weights first. `votes` (n,): the weight of each

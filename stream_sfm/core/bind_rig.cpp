@@ -6,12 +6,10 @@
 namespace binding {
 
 void bind_rig(nb::module_& m) {
-    describe_taken<Field>(m, R"(A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (U V, K): K functions as sums of kernels.)");
-    describe_taken<RowModel>(m, R"(Estimated row differences: amplitudes (7 + K,) of polynomial, delay and field with their covariance, the scatter of
-matches and the largest row difference.)");
-    describe_taken<ExposedRows>(m, R"(The rows of the raw images in which views are exposed: size of the rectified image, and coefficients (s, k, k) of one
-polynomial for both sides or of one for each.)");
-    describe_taken<Timing>(m, R"(Delay and readout, seconds: mean (2,) and covariance (2, 2), and the twist (6,) in the previous frame, None if unknown.)");
+    describe_taken<Field>(m);
+    describe_taken<RowModel>(m);
+    describe_taken<ExposedRows>(m);
+    describe_taken<Timing>(m);
     describe_returned<Mixture>(m, R"(Rig errors as a mixture over those that may be exactly zero: mean (m,), covariance (m, m), and p that lenses are wrong.)");
     def<&rig_effects>(m, "rig_effects", R"(Return the effects (n, 4, t) of unit amplitudes of the terms on views (n, 4), and the field's basis (n, K), eq. (70).
 

@@ -24,19 +24,15 @@ image pixels with covariances (m, 4, 4), eq. (15); slopes (m, 2) = (∂d/∂u, �
 }  // namespace
 
 void bind_tracks(nb::module_& m) {
-    describe_taken<RightSides>(m, R"(Predicts right sides: by row differences, a turn (3,) of the right camera, which is subtracted from measurements there,
-and the twist (6,) of the points.)");
+    describe_taken<RightSides>(m);
     describe_taken<TemplateConfig>(m, R"(The half width of templates and the largest distance from the start, in their pixels; the largest deviation of grey
 differences.)");
-    describe_taken<ViewNoise>(m, R"(The number of pixels that share one noise value, and the variance factor of views.)");
+    describe_taken<ViewNoise>(m);
     describe_taken<RowGates>(m, R"(The gate, in σ, of a match's distance from its row, and its least width.)");
     describe_taken<LastingRules>(m, R"(The limit of row differences, in σ, and the limit of a track's age, in views.)");
     describe_taken<TemplateKind>(m, R"(A kind of template: image pixels per pixel, and pixels between samples.)");
-    describe_taken<TrackTable>(m, R"(Tracks: homogeneous points (n, 4) at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left positions,
-anchor cameras (n, 4, 4) with left velocities (n, 2) px/s and slopes (n, 2) of 1/Z, gains and offsets (n, 2) of the
-last left image over the template, and image pixels (n,) per pixel of the template.)");
-    describe_taken<Templates<std::uint8_t>>(m, R"(Templates of one kind: left and right image at their scale (None: without right sides), stored patches as in
-`warp_patches`, and the pixels (h, w) of the left image around which a whole patch shows the scene.)");
+    describe_taken<TrackTable>(m);
+    describe_taken<Templates<std::uint8_t>>(m);
     bind_images_of<std::uint8_t>(m);  // before bytes would be converted to floats
     bind_images_of<float>(m);
     def<&place_new_points>(m, "place_new_points", R"(Return which new views (n, 4) lie on their rows and in front of the cameras, as row numbers (k,) of the table.

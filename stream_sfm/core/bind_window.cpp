@@ -7,21 +7,19 @@
 namespace binding {
 
 void bind_window(nb::module_& m) {
-    describe_taken<WindowState>(m, R"(The state of a window: poses (F, 4, 4); points with ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
-errors (m,); amplitudes (F, e) of each frame's own.)");
+    describe_taken<WindowState>(m);
     describe_taken<WindowViews>(m, R"(The views of a window: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). The
 frame's own amplitudes of σ = 1 shift a view by own (V, 4, e). Errors of the rig shift it by terms (V, 4, t), where
 timing (V, 4, 2), or (V, 4, 0), is added to those of delay and readout, and by the parts of a field: moves (4, p) ⊗
 field (V, K), m = t + p K.)");
-    describe_taken<RigState>(m, R"(Information (m, m) about errors of the rig, and weighted sums (m,) of their amplitudes.)");
-    describe_taken<PriorViews>(m, R"(Points of a prior (N,): mean (N, 3), D (N, 3, 3) and modes F (N, 3, k), the last m of which are those of the rig's
-errors.)");
+    describe_taken<RigState>(m);
+    describe_taken<PriorViews>(m);
     describe_returned<NormalBlocks>(m, R"(The normal equations of all views, eq. (26): blocks of the frames, of the points, and between them.
 
 A frame has f = 6 + e unknowns: its pose, and e amplitudes of its own with a prior of σ = 1. `u` (F, f, f), `v` (P, 3,
 3), `w` (P, 3, fF); right-hand sides `g_pose` (F, f), `g_point` (P, 3). For the rig's errors: `rig` (m, m), `rig_pose`
 (F, f, m) with the frames, `rig_point` (P, 3, m) with the points, and `g_rig` (m,).)");
-    describe_taken<CovariancePart>(m, R"(One of two parts of the joint covariance of points, a pose and the world, as in normal_equations.py.)");
+    describe_taken<CovariancePart>(m);
     describe_returned<AbsorbedPoints>(m, R"(Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).)");
     describe_returned<PointMarginals>(m, R"(Points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the rig's errors; metric points in the camera (P, 3)
 and in the world, each with covariances (P, 3, 3); and whether each is finite: 1/Z differs from 0 by more than

@@ -55,7 +55,6 @@ constexpr auto array_of() {
     else if constexpr (std::is_same_v<T, bool>) return const_name("Mask");
     else if constexpr (std::is_same_v<T, std::int64_t>) return const_name("Ids");
     else if constexpr (std::is_same_v<T, float>) return const_name("Grey");
-    else if constexpr (std::is_same_v<T, std::int16_t>) return const_name("Lines");
     else return const_name("Bytes");
 }
 template <class T>
@@ -328,9 +327,9 @@ void describe(nb::module_& m, bool is_returned, const char* help) {
     for (std::size_t i = 0; i < types.size(); i++) fields.append(nb::make_tuple(FieldNames<Record>::get().text[i].c_str(), types[i]));
     m.attr("RECORDS")[Record::record] = nb::make_tuple(is_returned, help, fields);
 }
-// A record that stages take: any object with these fields.
+// A record that stages take: any object with these fields. Without `help` it is what Python's record of that name says.
 template <class Record>
-void describe_taken(nb::module_& m, const char* help) {
+void describe_taken(nb::module_& m, const char* help = "") {
     describe<Record>(m, false, help);
 }
 // A record that stages return: a named tuple.

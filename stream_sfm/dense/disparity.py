@@ -120,7 +120,9 @@ def refine(left: Grey, right: Grey, start_px: Image, rules: DenseRules) -> tuple
     smoothing = rules.smoothing_px
     shared_pixels = max(1.0, 4 * np.pi * smoothing**2)  # smoothing correlates the noise over these
     soft_left, soft_right = (_smoothed(image, smoothing) for image in (left, right))
-    slope_left, slope_right = (_slope(image) for image in (soft_left, soft_right))
+    slope_left, slope_right = (  # along the row, grey levels per pixel
+        np.asarray(cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8), np.float32) for image in (soft_left, soft_right)
+    )
     v, u = np.mgrid[: left.shape[0], : left.shape[1]].astype(np.float32)
     surface_px = rules.max_disparity_step_px  # larger differences separate surfaces
     # Far below all disparities: the bilateral filter must not average unknown pixels in.
@@ -157,11 +159,6 @@ def refine(left: Grey, right: Grey, start_px: Image, rules: DenseRules) -> tuple
 def _smoothed(image: Grey, sigma_px: float) -> Image:
     grey = image.astype(np.float32)
     return np.asarray(cv2.GaussianBlur(grey, (0, 0), sigma_px), np.float32) if sigma_px > 0 else grey
-
-
-def _slope(image: Image) -> Image:
-    """Return the gradient along the row, grey levels per pixel."""
-    return np.asarray(cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8), np.float32)
 
 
 def rays(projection: StereoProjection) -> Array:

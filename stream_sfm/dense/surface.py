@@ -182,7 +182,7 @@ def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, 
     )
 
 
-class _Fused:
+class _Fused(Sink):
     """A sink that fuses frames, unless their pose is lost; `problems` are those of the first frame."""
 
     def __init__(self, log: StereoLog, config: Config, rectifier: Rectifier) -> None:
@@ -199,6 +199,3 @@ class _Fused:
             cov_position = self._rect_from_cam @ estimate.cov_pose[:3, :3] @ self._rect_from_cam.T
             world_from_rect = estimate.world_from_cam @ self._view.cam_from_rect
             self.fusion.add(*self._view.see(frame), world_from_rect, cov_position)
-
-    def close(self) -> None:
-        """Nothing is open."""

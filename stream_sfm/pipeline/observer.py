@@ -61,16 +61,16 @@ class Observer:
         imu = self.rig.imu if isinstance(self.rig, StereoRig) and config.imu.enabled else None
         self._imu = None if imu is None else imu.mounted_in(self.rectifier.rect_from_cam[:3, :3])
 
-    def prepare(self, frame: Frame, frame_index: int | None = None, grey_bits: int | None = None) -> PreparedImages:
+    def prepare(self, frame: Frame, frame_index: int | None = None) -> PreparedImages:
         """Do the part of the work on the images that does not depend on other frames; any thread may call this.
 
         The observer is not changed. With the `frame_index` that the frame will have (frames count from 0) more of the
-        work is done here; the observations are the same. 16-bit images are scaled to 8 bits by `grey_bits`, by default
-        as many as they use themselves; if earlier frames have used more, `observe` prepares them again. Raises
-        FrameError for images of the wrong kind.
+        work is done here; the observations are the same. 16-bit images are scaled to 8 bits by as many as they use
+        themselves; if earlier frames have used more, `observe` prepares them again. Raises FrameError for images of the
+        wrong kind.
         """
         check_images(self.rig.cameras, frame, "the frame")
-        return self._prepared(frame, frame_index, grey_bits)
+        return self._prepared(frame, frame_index)
 
     def inertial_view(self, frame: Frame) -> InertialView | None:
         """Return the inertial samples of a frame, if they are used, with their calibration in rectified axes."""

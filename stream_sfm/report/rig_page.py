@@ -12,7 +12,7 @@ from ..geometry.stereo import StereoProjection
 from ..record import changed, record
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import disparity_over_image
-from ..rig_model.terms import GROUPS, TERMS, Group
+from ..rig_model.terms import GROUPS, TERMS
 from .motions import MOTIONS, coverage
 from .svg import figure
 from .tables import Name, Table, render
@@ -100,7 +100,7 @@ def _compared(runs: Sequence[RigRun]) -> Table:
 
 def _terms(estimate: RigEstimate) -> Table:
     """Return each term with its σ, what the thirds of the run say, and on how many σ they agree."""
-    units = [unit for group in GROUPS for unit in [_unit(group)] * len(group.terms)]
+    units = [(_UNITS.get(group.key, "px"), group.per_unit) for group in GROUPS for _ in group.terms]
     rows = []
     for k, (name, (unit, factor)) in enumerate(zip(TERMS, units, strict=True)):
         std = float(np.sqrt(estimate.cov[k, k]))
@@ -112,11 +112,6 @@ def _terms(estimate: RigEstimate) -> Table:
         rows.append((Name(f"{name}, {unit}"), [(cell, "") for cell in cells]))
     headings = ("error", "beforehand", "1st third", "2nd third", "3rd third", "agree on")
     return Table([(heading, "") for heading in headings], rows)
-
-
-def _unit(group: Group) -> tuple[str, float]:
-    """Return the unit in which the terms of a group are shown, and the factor to it."""
-    return _UNITS.get(group.key, "px"), group.per_unit
 
 
 def _with_std(value: float, std: float, factor: float) -> str:

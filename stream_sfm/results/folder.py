@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
@@ -14,7 +14,7 @@ from ..errors import OutputError
 from ..geometry import Array
 from ..system.files import PartFile, json_bytes, make_folder, write_whole
 from ..system.outputs import RESULTS, TRAJECTORIES, only_writer
-from ..types import Frame, FrameEstimate, Trajectory
+from ..types import Frame, FrameEstimate, Sink, Trajectory
 from .estimates_writer import EstimatesWriter
 from .ros_messages import type_store
 from .trajectory_files import NAMES, first_lines, lines_of, tum_line
@@ -126,15 +126,8 @@ def _may_be_written(metadata: Path) -> bool:
         return False
 
 
-class Closed(Protocol):
-    """Anything that must be closed at the end."""
-
-    def close(self) -> None:
-        """Finish."""
-
-
-def close_all(sinks: Iterable[Closed]) -> None:
-    """Close every sink, even after one has failed; the first failure is raised at the end."""
+def close_all(sinks: Iterable[Sink | PartFile]) -> None:
+    """Close every sink or file, even after one has failed; the first failure is raised at the end."""
     failures: list[Exception] = []
     for sink in sinks:
         try:

@@ -69,7 +69,8 @@ class RigModel:
 
     @property
     def _field(self) -> Field:
-        return _field_over(self.projection) if self.has_field else NO_FIELD
+        p = self.projection
+        return field_over(p.width, p.height, WORTH_ESTIMATING) if self.has_field else NO_FIELD
 
     @property
     def cameras(self) -> tuple[StereoProjection, ExposedRows]:
@@ -183,19 +184,19 @@ class RigModel:
 
     def focus_moves(self, mean: Array, cov: Array) -> bool:
         """Whether the focal length certainly changes, by N(`mean`, `cov`) of the amplitudes."""
-        at = TERMS.index(FOCUSING)
-        return bool(abs(mean[at]) > CERTAIN * np.sqrt(cov[at, at]))
+        return bool(abs(mean[_FOCUSING]) > CERTAIN * np.sqrt(cov[_FOCUSING, _FOCUSING]))
 
     def root_of_focusing(self, mean: Array, cov: Array, age_s: float, passed_s: float) -> Array:
         """Return a root (m, 1) of the covariance of amplitudes by a focus that moves unsteadily, eq. (72g).
 
         It is 0 unless the focal length certainly changes. The focal length at `age_s` does not change.
         """
-        root, at = np.zeros((len(self), 1)), TERMS.index(FOCUSING)
+        root, unit = np.zeros((len(self), 1)), np.diag(self.root)
         if self.focus_moves(mean, cov):
-            focal, unit = TERMS.index(FOCAL), np.diag(self.root)
-            root[at] = mean[at] * np.sqrt(passed_s)  # over 1 s: an autofocus moves for about that time
-            root[focal] = -age_s * root[at] * unit[at] / unit[focal]
+            root[_FOCUSING] = mean[_FOCUSING] * np.sqrt(
+                passed_s
+            )  # over 1 s: an autofocus moves for about that time
+            root[_FOCAL] = -age_s * root[_FOCUSING] * unit[_FOCUSING] / unit[_FOCAL]
         return root
 
     def as_refined(self, z_px: RawViews) -> RawViews:
@@ -238,10 +239,6 @@ class RigModel:
         return np.stack([mean, np.sqrt(thirds[:, 1] ** 2 @ self.root.T**2)], axis=1)
 
 
-def _field_over(projection: StereoProjection) -> Field:
-    return field_over(projection.width, projection.height, WORTH_ESTIMATING)
-
-
 def _of_field(moves: Array, field: Array) -> Array:
     """Return the effects (n, k, 3K) of amplitudes of the parts, from `moves` (k, 3) of each and a field (n, K)."""
     n, parts = field.shape
@@ -256,7 +253,7 @@ def disparity_error(projection: StereoProjection, estimate: RigEstimate, left_px
     by_term = effects[:, 0] - effects[:, 2]
     if len(estimate.mean) > len(TERMS):  # files of a run do not contain the field
         moves = FIELD_MOVES[:1] - FIELD_MOVES[2:3]
-        by_field = _of_field(moves, _field_over(p).at(left_px))[:, 0]
+        by_field = _of_field(moves, field_over(p.width, p.height, WORTH_ESTIMATING).at(left_px))[:, 0]
         by_term = np.concatenate([by_term, by_field], axis=1)
     return by_term @ estimate.mean, np.sqrt(np.einsum("ni,ij,nj->n", by_term, estimate.cov, by_term))
 

@@ -23,7 +23,7 @@ from ..report.tables import text_of
 from ..report.verdict import judged
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.terms import lens_shift_rms_px
-from ..types import Frame, FrameEstimate, InertialEstimate, Selection, Status
+from ..types import Frame, FrameEstimate, InertialEstimate, Selection, Sink, Status
 from .replay import replay_with_lane
 
 
@@ -132,7 +132,7 @@ def look(log: StereoLog, config: Config, selection: Selection | None) -> Look:
     return Look(log.path, chosen, observer.projection, *found)
 
 
-class _Coverage:
+class _Coverage(Sink):
     """A sink that counts the points in each part of the left image."""
 
     def __init__(self, camera: Camera) -> None:
@@ -145,6 +145,3 @@ class _Coverage:
             np.linspace(0, size, n + 1) for size, n in zip((camera.height, camera.width), (9, 16), strict=True)
         ]
         self.seen += np.histogram2d(pixels[:, 1], pixels[:, 0], edges)[0]
-
-    def close(self) -> None:
-        """Nothing is open."""

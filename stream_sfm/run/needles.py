@@ -6,10 +6,10 @@ import numpy as np
 
 from ..pipeline.observer import Observed, Observer
 from ..report.matches import Needles
-from ..types import Frame, FrameEstimate, Observations
+from ..types import Frame, FrameEstimate, Observations, Sink
 
 
-class NeedlesOfFrame:
+class NeedlesOfFrame(Sink):
     """A check and a sink of a run: `found` are the matches of the frame `wanted`, None before it."""
 
     def __init__(self, observer: Observer, wanted: int) -> None:
@@ -38,6 +38,3 @@ class NeedlesOfFrame:
             used=np.isin(now.track_ids[both], estimate.rejected_ids, invert=True),
             used_again=np.isin(now.track_ids[j], estimate.rejected_ids, invert=True),
         )
-
-    def close(self) -> None:
-        """Do nothing: there is no file."""

@@ -310,7 +310,7 @@ def _upright_trajectory(record: RunRecord, outcome: RunOutcome) -> Trajectory | 
     return Trajectory(known.stamps_ns, *record.upright.poses(known.world_from_cam, known.cov_pose))
 
 
-class _Latency:
+class _Latency(Sink):
     """A sink that records the age of the images of a live camera when their estimates have been written."""
 
     def __init__(self, log: StereoLog) -> None:
@@ -321,9 +321,6 @@ class _Latency:
         """Record the age of the images of a frame."""
         if (age_s := self._log.age_s(frame.stamp_ns)) is not None:
             self.ages_ms.append(1e3 * age_s)
-
-    def close(self) -> None:
-        """Nothing is open."""
 
     def summary(self) -> dict[str, Any]:
         """Return `latency_ms` from image to estimate, and the number of skipped pairs, `left_out`."""

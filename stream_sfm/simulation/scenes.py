@@ -105,17 +105,11 @@ MOTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Sequence:
-    """The truth and the observations of one trial.
-
-    `world_from_cam` (n, 4, 4), `points_in_world` (p, 3) by track id; `frame`, `track` (k,) of all views, ascending.
-    """
+    """The truth and the observations of one trial: `world_from_cam` (n, 4, 4), `points_in_world` (p, 3) by track id."""
 
     projection: StereoProjection
     world_from_cam: Array
     points_in_world: Array
-    frame: NDArray[np.intp]
-    track: NDArray[np.intp]
-    std_px: float
     observations: tuple[Observations, ...]
 
 
@@ -175,7 +169,7 @@ class Scene:
                     n_new=int((~np.isin(track[rows], track[before])).sum()),
                 )
             )
-        return Sequence(_PROJECTION, path, points, frame, track, self.std_px, tuple(observations))
+        return Sequence(_PROJECTION, path, points, tuple(observations))
 
     def _controlled(self, path: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
         """Draw M·(n + L − 1)/L points whose tracks start evenly from frame 1 − L on; (p, 3) and seen (n, p)."""

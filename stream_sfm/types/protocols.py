@@ -36,10 +36,14 @@ class InertialEstimator(Protocol):
 
 
 class Sink(Protocol):
-    """Watches a run frame by frame: a file, a viewer, a progress bar, a queue."""
+    """Watches a run frame by frame: a file, a viewer, a progress bar, a queue.
+
+    A class that inherits it has a `close` that does nothing.
+    """
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Take the estimate of the next frame, and the frame it was made from."""
 
     def close(self) -> None:
         """Finish: no more frames will come."""
+        return None

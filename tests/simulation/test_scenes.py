@@ -7,9 +7,9 @@ from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import (
     HEIGHT,
     MOTIONS,
-    ROUND_OFF_PX,
     WIDTH,
     Scene,
+    Sequence,
     physical_views,
     rectified_projection,
     rectified_views,
@@ -27,15 +27,22 @@ def test_rectified_views_are_the_projection_and_their_covariance_that_of_monte_c
     assert np.cov(drawn.T) == pytest.approx(cov[0], abs=4 * np.sqrt(2 / 40_000) * 0.09)  # four standard errors
 
 
+def views_of(sequence: Sequence) -> tuple[np.ndarray, np.ndarray]:
+    """Return frame and track (k,) of all views, in order of time."""
+    ids = [o.track_ids for o in sequence.observations]
+    return np.repeat(np.arange(len(ids)), [len(of_frame) for of_frame in ids]), np.concatenate(ids)
+
+
 @pytest.mark.parametrize("length", [2, 8, 31])
 def test_controlled_tracks(length):
     """M points in every frame, each in L successive frames (fewer at the ends), all in view in mid-track."""
     s = Scene(motion=MOTIONS["slow"], track_length=length).sequence(np.random.SeedSequence(1))
-    assert (np.bincount(s.frame) == 48).all()
-    seen = np.bincount(s.track)
+    frame, track = views_of(s)
+    assert (np.bincount(frame) == 48).all()
+    seen = np.bincount(track)
     assert seen.max() == length
-    first = np.array([s.frame[s.track == t][0] for t in range(len(seen))])
-    last = np.array([s.frame[s.track == t][-1] for t in range(len(seen))])
+    first = np.array([frame[track == t][0] for t in range(len(seen))])
+    last = np.array([frame[track == t][-1] for t in range(len(seen))])
     assert (last - first + 1 == seen).all()
     assert ((seen == length) | (first == 0) | (last == 30)).all()
     assert (np.diff(first) >= 0).all(), "ids ascend with time"
@@ -44,13 +51,14 @@ def test_controlled_tracks(length):
 def test_natural_visibility():
     """About 60 points a frame, all of them inside both images; ids never come back."""
     s = Scene().sequence(np.random.SeedSequence(2))
-    count = np.bincount(s.frame)
+    frame, track = views_of(s)
+    count = np.bincount(frame)
     assert 40 < count.mean() < 80  # 60, with what one path sees more or less
-    in_cam = se3.transform(se3.inverse(s.world_from_cam[10]), s.points_in_world[s.track[s.frame == 10]])
+    in_cam = se3.transform(se3.inverse(s.world_from_cam[10]), s.points_in_world[track[frame == 10]])
     pixels = physical_views(in_cam)
     assert ((pixels >= -0.5) & (pixels < [WIDTH - 0.5, HEIGHT - 0.5])).all()
-    for t in np.unique(s.track):
-        frames = s.frame[s.track == t]
+    for t in np.unique(track):
+        frames = frame[track == t]
         assert (np.diff(frames) == 1).all()
 
 
@@ -62,7 +70,6 @@ def test_noise_has_its_nominal_deviation(round_off):
         r = o.z_px - s.projection.project(se3.transform(se3.inverse(pose), s.points_in_world[o.track_ids]))
         chi2.append(np.einsum("ni,nij,nj->n", r, np.linalg.inv(o.cov_px), r))
     assert np.mean(chi2) == pytest.approx(4, abs=0.25)  # four standard errors: √(8/1488) each
-    assert s.std_px == ROUND_OFF_PX
 
 
 def test_observations_keep_their_contract_and_depend_on_the_seed_alone():

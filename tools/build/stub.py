@@ -20,7 +20,7 @@ STUB = Path(__file__).resolve().parents[2] / "stream_sfm/core/_core.pyi"
 _HEAD = """\
 # The compiled core as Python calls it, written by tools/build/stub.py from the module. Arrays of another type or order
 # are copied; one of a wrong shape is a ValueError (TypeError: of a wrong number of axes). Images are (h, w) grey;
-# what lies beyond their border is as its rim.
+# what lies beyond their border is as its rim. A record without a comment is described where Python has one of its name.
 
 from typing import Protocol
 
