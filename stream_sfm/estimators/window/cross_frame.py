@@ -244,13 +244,10 @@ class CrossFrame(TakesSamples):
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
         if unknown_px is not None:
-            e, second = 0 if observations.rig is None else observations.rig.turn_root.shape[1], found.second
+            e = 0 if observations.rig is None else observations.rig.turn_root.shape[1]
             self._turns, seen, found = size_turn(self._turns, e, seen, weights, found)
             views = views.with_larger_own(slice(0, e), self._turns.probable)
             current, found, views = judged_focus(current, views, rows, seen, weights, found)
-            repeats = observations.ambiguity is not None and observations.ambiguity.repeats
-            if repeats or len(rows) < robust.calm_share * (len(views) - observations.n_new):
-                found = changed(found, second=second)  # its views are not among these
         return current, found, views.ids[rows[~found.accepted]], views, corrected_px
 
     def _with_marginals(

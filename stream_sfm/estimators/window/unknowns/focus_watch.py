@@ -68,8 +68,7 @@ class FocusWatch:
         calm, own = changed(found, amplitudes=start), refine(views, weights, found.cam_from_ref, start)
         if not own.ok or (not self.moves and own.accepted.sum() < found.accepted.sum()):
             return self, calm
-        explained = own.share >= views.settings.calm_share  # by one motion, where two seemed to be
-        own = changed(own, second=None if explained else found.second)
+        own = changed(own, second=found.second)
         var = float(own.cov_amplitudes[-1, -1])
         information = max(1 / var - 1, 1e-9)  # without the prior of σ = 1
         shown, var = float(own.amplitudes[-1]) / (var * information), 1 / information

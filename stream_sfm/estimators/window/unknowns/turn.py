@@ -19,7 +19,7 @@ def size_turn(
     """Return the sizes of turns after a frame, and with turns of the probable size its views and its motion.
 
     A turn is the first `e` of the errors that the views `seen` share. `found`: the motion with turns of size 1, with
-    `weights` (n,) as in `resect`. Its second motion is dropped if a larger turn explains the views of both.
+    `weights` (n,) as in `resect`.
     """
     sizes = sizes.after_amplitudes(found.amplitudes[:e], found.cov_amplitudes[:e, :e])
     if sizes.probable == 1.0:
@@ -30,5 +30,4 @@ def size_turn(
     larger = refine(seen, weights, found.cam_from_ref, found.amplitudes / factors)
     if not larger.ok:
         return sizes, seen, changed(found, amplitudes=found.amplitudes / factors)
-    explained = larger.share >= seen.settings.calm_share
-    return sizes, seen, changed(larger, second=None if explained else found.second)
+    return sizes, seen, changed(larger, second=found.second)
