@@ -57,20 +57,9 @@ def compare(
         raise ConfigError(f"{truth.ground_truth} has the true poses of one log: give one log")
     named = tuple(dict.fromkeys(filter(None, map(str.strip, methods.split(",")))))
     chosen = _Chosen(named, as_is, self_test, loops, cameras, frames, truth, errors, settings, quiet)
-    folder = Path(out) if out else new_run_folder(logs[0])
-    results, problems = {}, []
-    for log, name in _names(logs).items():
-        try:
-            results[name] = chosen.compared(log, folder / name)
-        except InputError as error:  # one of many; the others are still compared
-            if len(logs) == 1:
-                raise
-            problems.append(str(error))
-            continue
-        problems += results[name].comparison.inspection["problems"]
-        if results[name].comparison.interrupted:
-            break
-    if len(logs) == 1:
+    folder, names = Path(out) if out else new_run_folder(logs[0]), _names(logs)
+    results, problems = _all_compared(chosen, names, folder)
+    if len(names) == 1:
         content, show = results[""].report, print_comparison
     else:
         content, show = _over_logs(results, folder), print_over_logs
@@ -134,13 +123,37 @@ class _Chosen:
             )
 
 
+def _all_compared(
+    chosen: _Chosen, names: Mapping[str, str], folder: Path
+) -> "tuple[dict[str, ComparisonResult], list[str]]":
+    """Compare the methods on each log, and return the results by name with all problems.
+
+    A log that cannot be read is a problem, unless there is no other.
+    """
+    results: dict[str, ComparisonResult] = {}
+    failed: list[InputError] = []
+    problems: list[str] = []
+    for log, name in names.items():
+        try:
+            results[name] = found = chosen.compared(log, folder / name)
+        except InputError as error:
+            failed.append(error)
+            continue
+        problems += found.comparison.inspection["problems"]
+        if found.comparison.interrupted:
+            break
+    if not results:
+        raise failed[0]
+    return results, [*problems, *map(str, failed)]
+
+
 def _names(logs: Sequence[str]) -> dict[str, str]:
     """Return the folder of each log below that of the comparison, which is the folder itself for a single log."""
     from ..batch.logs import names_for
 
-    if len(logs) == 1:
-        return {logs[0]: ""}
     paths = {Path(os.path.abspath(log)): log for log in logs}
+    if len(paths) == 1:
+        return {logs[0]: ""}
     return {paths[path]: name for path, name in names_for(dict.fromkeys(paths, 1)).items()}
 
 

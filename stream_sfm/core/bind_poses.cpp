@@ -20,6 +20,11 @@ A point X at the time of a pose is Exp(t ξ̇ + ½ t² ξ̈) X after t seconds. 
 ascending `seconds` (n,). Polynomials through the poses of the frames around each give the result; it is zero for a
 single pose.)",
         "poses"_a, "seconds"_a);
+    def<&errors_of_motions>(m, "errors_of_motions", R"(Return size and bend (n, 2) of the errors of `point_motions` at these times, eq. (70e).
+
+The error of the twist in each frame is its size times that of the newest frame of many, which are one `period` apart. The twist
+some time t after the frame errs by 1 + 2 t times the bend as much. Sizes have signs. Those of a single frame are zero.)",
+        "seconds"_a, "period"_a);
     def<&reported_motions>(m, "reported_motions", R"(Return poses (n, 4, 4) in axes of the physical camera, covariances (n, 6, 6), and effects (n, 6, 3 + t) of errors.
 
 `cov` (n, 6, 6), of right perturbations, is increased by that of errors that no view shows. The effects are the

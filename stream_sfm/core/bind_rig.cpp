@@ -57,10 +57,6 @@ They are those of `timing_unknowns`, for homogeneous points (n, 4) in the previo
 with `twist` (6,), and those of the rows of right sides. Also returns the covariance (3, 3) of the apparent turn of the
 right camera by rows. Raises LinAlgError if a covariance is not definite.)",
         "timing"_a, "rows"_a, "before"_a, "now"_a, "z_px"_a, "twist"_a, "std_twist"_a);
-    def<&cov_of_timed_pose>(m, "cov_of_timed_pose", R"(Return the covariance (6, 6) of a pose by that of a twist, `cov_twist` (6, 6), eq. (70b).
-
-The pose follows from homogeneous points (n, 4). The twist has an effect by a delay and a readout of `size` (2,), s.)",
-        "pinholes"_a, "exposed"_a, "points_in_cam"_a, "size"_a, "cov_twist"_a);
     def<&log_evidence>(m, "log_evidence", R"(Return the log likelihood ratios (s, n) of N(0, variance) to 0 for n independent errors, eq. (72a).
 
 `information` (n,): of the views about each; `weighted` (n,): information times estimate; `variances` (s,).)",

@@ -11,6 +11,7 @@ Array<double, 2> pose_log(Matrices poses);
 Array<double, 3> pose_inverse(Matrices poses);
 Array<double, 3> pose_adjoint(Matrices poses);
 Array<double, 3> point_motions(Matrices poses, Vector seconds);
+Array<double, 2> errors_of_motions(Vector seconds, double period);
 Array<double, 2> rotation_vectors(Matrices rotations);
 Array<double, 2> quaternions(Matrices rotations);
 Array<double, 3> orthonormalise(Matrices poses);

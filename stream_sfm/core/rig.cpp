@@ -324,44 +324,6 @@ WIDER Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRo
     return principal_errors(result);
 }
 
-Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Vector size,
-                                   Matrix cov_twist) {
-    std::size_t n = points.shape[0];
-    check(exposed);
-    require_shape(points, {n, 4}, "points");
-    require_shape(size, {2}, "size");
-    require_shape(cov_twist, {6, 6}, "cov_twist");
-    std::vector<double> information(36);
-    double moved[2][36] = {};  // transposed: the change of the pose's gradient by the twist
-    for (std::size_t i = 0; i < n; i++) {
-        double by_twist[24], rows[4];
-        timing_by_twist(pinholes, exposed, points[i], by_twist, rows);
-        for (int c = 0; c < 4; c++)
-            for (int a = 0; a < 6; a++)
-                for (int b = 0; b < 6; b++) {
-                    double squared = by_twist[6 * c + a] * by_twist[6 * c + b];
-                    information[6 * a + b] += squared;
-                    if (c == LATE) moved[0][6 * b + a] += size.data[0] * squared;
-                    moved[1][6 * b + a] += size.data[1] * rows[c] * squared;
-                }
-    }
-    Array<double, 2> result(6, 6);
-    for (auto& gain : moved) {
-        for (int b = 0; b < 6; b++) {
-            std::vector<double> factor = information;
-            solve_damped(factor, gain + 6 * b, 6);
-        }
-        double half[36] = {};
-        for (int b = 0; b < 6; b++)
-            for (int c = 0; c < 6; c++)
-                for (int a = 0; a < 6; a++) half[6 * a + c] += gain[6 * b + a] * cov_twist[b][c];
-        for (int c = 0; c < 6; c++)
-            for (int a = 0; a < 6; a++)
-                for (int b = 0; b < 6; b++) result[a][b] += half[6 * a + c] * gain[6 * c + b];
-    }
-    return result;
-}
-
 WIDER Array<double, 2> principal_components(Matrix errors) {
     std::size_t n = errors.shape[0], k = errors.shape[1];
     require(k <= 1000, "there are too many errors");

@@ -1,10 +1,12 @@
 """How large the errors of a frame are compared with those assumed: a hidden Markov chain of a few sizes, eq. (7b)."""
 
+from collections.abc import Sequence
 from dataclasses import field
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .. import core
 from ..record import changed, record
 from .se3 import Array
 
@@ -33,16 +35,61 @@ class Sizes:
         weights = np.exp(posterior - posterior.max())
         return changed(self, probabilities=weights / weights.sum())
 
-    def after_amplitudes(self, mean: Array, cov: Array) -> "Sizes":
-        """Return the sizes after a frame that shows amplitudes (e,) with `cov` (e, e), if size 1 was assumed."""
-        if not len(mean):
-            return self
-        weighted = np.linalg.solve(cov, mean)
-        values, axes = np.linalg.eigh(np.linalg.inv(cov) - np.eye(len(mean)))
-        evidence = core.log_evidence(np.maximum(values, 0.0), axes.T @ weighted, SIZES**2)
-        return self.after(evidence.sum(axis=1))
-
     @property
     def probable(self) -> float:
         """The most probable size."""
         return float(SIZES[self.probabilities.argmax()])
+
+
+class Weighed(NamedTuple):
+    """All combinations of the sizes of k blocks of amplitudes, as a frame shows them.
+
+    `rows` (g, k): the size of each block, as rows of `SIZES`; `log` (g,): log likelihoods, eq. (7b). `information`,
+    `weighted` (g,): what the frame then shows of one further amplitude, without its prior.
+    """
+
+    rows: NDArray[np.intp]
+    log: Array
+    information: Array
+    weighted: Array
+
+    def sizes(self, before: Sequence[Sizes], log_likelihoods: Array) -> list[Sizes]:
+        """Return the sizes of the blocks after a frame with these log likelihoods (g,)."""
+        posterior = log_likelihoods + self._log_prior(before)
+        weights = np.exp(posterior - posterior.max())
+        counts = [np.bincount(rows, weights / weights.sum(), len(SIZES)) for rows in self.rows.T]
+        return [changed(sizes, probabilities=count) for sizes, count in zip(before, counts, strict=True)]
+
+    def total(self, before: Sequence[Sizes], log_likelihoods: Array) -> float:
+        """Return the log likelihood of a frame whatever the sizes, from those of the combinations (g,)."""
+        return float(np.logaddexp.reduce(log_likelihoods + self._log_prior(before)))
+
+    def row_of(self, sizes: Sequence[Sizes]) -> int:
+        """Return the row of the combination of the most probable size of each block."""
+        probable = [s.probabilities.argmax() for s in sizes]
+        return int(np.flatnonzero((self.rows == np.array(probable, np.intp)).all(axis=1))[0])
+
+    def _log_prior(self, before: Sequence[Sizes]) -> Array:
+        return sum(
+            (s.log_prior[rows] for s, rows in zip(before, self.rows.T, strict=True)), np.zeros(len(self.log))
+        )
+
+
+def weigh(mean: Array, cov: Array, lengths: Sequence[int]) -> Weighed:
+    """Return what amplitudes say about their sizes, and about the last one, eq. (7b).
+
+    `mean` (n,) and `cov` (n, n): estimates, with a prior of σ = 1, of blocks of these `lengths` and one amplitude more.
+    """
+    rows = np.indices((len(SIZES),) * len(lengths)).reshape(len(lengths), -1).T
+    factors = np.repeat(SIZES[rows], lengths, axis=1)  # (g, n − 1)
+    shown = np.linalg.inv(cov)
+    weighted = shown @ mean
+    shown -= np.eye(len(mean))
+    k = len(mean) - 1
+    damped = np.eye(k) + factors[:, :, None] * shown[:k, :k] * factors[:, None, :]
+    scaled = factors[:, :, None] * np.column_stack([weighted[:k], shown[:k, k]])
+    solved = np.linalg.solve(damped, scaled)
+    by_size = np.swapaxes(scaled, 1, 2) @ solved  # (g, 2, 2)
+    log = 0.5 * by_size[:, 0, 0] - 0.5 * np.linalg.slogdet(damped)[1]
+    information = np.maximum(shown[k, k] - by_size[:, 1, 1], 1e-9)
+    return Weighed(rows, log, information, weighted[k] - by_size[:, 1, 0])

@@ -16,7 +16,7 @@ from .view import View
 
 # Sound images, real and rendered, have at most 0.04; interlaced ones with motion have 0.04 to 6.
 _COMBED = 0.06
-_NATS = 6.0  # of a frame: two of them decide
+_NATS = 12.0  # of a frame whose rows are not combed at all, or twice as much: it decides
 _STILL_PX, _MOVES_PX = 0.3, 1.5  # median motion from frame to frame: nothing is combed below, all of it is above
 # Bands of rows that are judged separately. Those with the largest excess do not count, because a line may be drawn
 # across the image in one or two of them.
@@ -47,9 +47,8 @@ class Interlaced:
         moved = float(np.median(moved_px)) if len(moved_px) else 0.0
         if moved < _STILL_PX:
             return None
-        if combed(images.delivered.left_columns) > _COMBED:
-            return _NATS
-        return -_NATS if moved > _MOVES_PX else None
+        nats = float(np.clip(_NATS * (combed(images.delivered.left_columns) / _COMBED - 1), -_NATS, _NATS))
+        return nats if nats > 0 or moved > _MOVES_PX else None
 
 
 def is_interlaced(image: Image) -> bool:

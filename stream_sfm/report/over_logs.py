@@ -55,7 +55,7 @@ def numbers_over_logs(reports: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
 
 def _conclusion(ratios: Ratios, logs: int) -> str:
     """Say who is ahead over all logs. What is decided against the window comes first."""
-    shown_by = f"These {counted(logs, 'log')}"
+    shown_by = "This log" if logs == 1 else f"These {logs} logs"
     if not ratios:
         return f"{shown_by} cannot separate the methods: fewer than two are long enough for ratios."
     return " ".join(f"{sentence}." for sentence in who_is_ahead(decided(ratios), shown_by))

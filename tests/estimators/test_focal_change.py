@@ -4,17 +4,23 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import RigConfig
-from stream_sfm.estimators.window.unknowns.focal_change import Calm, Change, log_ratio
+from stream_sfm.estimators.window.unknowns.focal_change import Calm, Change
 from stream_sfm.estimators.window.unknowns.focus_watch import FocusWatch
+from stream_sfm.geometry.sizes import Sizes, Weighed
 
 STD = 0.01  # of what a frame shows, in units of `rig.std_refocused`: 0.02 % of the focal length
+
+
+def frame_of(shown: np.ndarray, var: np.ndarray) -> Weighed:
+    """A frame that has no other unknown and shows N(shown, var)."""
+    return Weighed(np.zeros((len(shown), 0), np.intp), np.zeros(len(shown)), 1 / var, shown / var)
 
 
 def followed(amounts: np.ndarray, claimed: float = STD, seed: int = 0) -> list[FocusWatch]:
     """The watch after each frame, which shows these amounts with noise of σ = `STD`, and claims another."""
     watch, found = FocusWatch.begun(RigConfig()), []
     for shown in amounts + STD * np.random.default_rng(seed).normal(size=len(amounts)):
-        watch = watch._after(float(shown), claimed**2)
+        watch, _ = watch.after(frame_of(np.array([shown]), np.array([claimed**2])), [])
         found.append(watch)
     return found
 
@@ -56,13 +62,27 @@ def test_what_may_be_a_change_is_not_learnt_as_usual() -> None:
     assert watches[-1].calm is not None and abs(watches[-1].calm.mean) < 0.01
 
 
-def test_the_likelihood_ratio_is_that_of_the_densities() -> None:
+def test_the_likelihoods_are_densities() -> None:
     """A change is a mixture over sizes of its steps; integrated numerically over the amount, both densities are 1."""
     at, calm, change = np.linspace(-2, 2, 8001), Calm(10.0, 2.0, 1e4, 100.0), Change(0.2, 1e-3)
-    of_calm = np.array([calm.log_of(float(x), STD**2) for x in at])
-    ratios = np.array([log_ratio(change, calm, float(x), STD**2) for x in at])
-    for log in (of_calm, of_calm + ratios):
+    var = np.full(len(at), STD**2)
+    for log in (calm.log_of(at, var), np.logaddexp.reduce(change.log_of(at, var), axis=-1)):
         assert np.exp(log).sum() * (at[1] - at[0]) == pytest.approx(np.sqrt(2 * np.pi), rel=1e-4)
+
+
+def test_what_another_unknown_explains_is_no_evidence_for_a_change() -> None:
+    """Two sizes of another unknown: with the usual one a frame shows a jump, with the larger one hardly anything.
+
+    The larger one explains the frame better by 20 nats.
+    """
+    watch = followed(np.zeros(12))[-1]
+    rows, shown, var = np.array([[0], [2]]), np.array([0.3, 0.05]), np.array([STD**2, 0.1**2])
+    squares = 0.5 * (shown**2 / var + np.log(var))  # of the best change in each case
+    for gain, jumps in ((20.0, False), (-20.0, True)):
+        frame = Weighed(rows, np.array([0.0, gain]) - squares, 1 / var, shown / var)
+        after, likely = watch.after(frame, [Sizes()])
+        assert after.moves == jumps
+        assert (frame.sizes([Sizes()], likely)[0].probable > 1) == (not jumps)
 
 
 def test_a_kalman_filter_per_step_size_is_that_of_one_if_all_steps_are_one() -> None:

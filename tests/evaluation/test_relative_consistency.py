@@ -52,6 +52,9 @@ def test_the_factor_is_the_excess_of_the_errors(too_small: float) -> None:
         standard_error = too_small * np.sqrt(spans["frames"] / (2 * 6 * FRAMES))
         assert abs(spans["factor"] - too_small) < 4 * standard_error
         assert spans["count"] == FRAMES - spans["frames"]
+        # own errors are all there are; of every second frame, as more than 300 are too many to keep
+        assert abs(spans["factor_own"] - too_small) < 4 * np.sqrt(2) * standard_error
+        assert spans["factor_common"] is None
 
 
 def test_covariances_of_added_motions_with_common_errors_are_right() -> None:

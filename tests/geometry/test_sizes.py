@@ -3,16 +3,22 @@
 import numpy as np
 import pytest
 
-from stream_sfm.geometry.sizes import SIZES, Sizes
+from stream_sfm.geometry.sizes import SIZES, Sizes, Weighed, weigh
 
 STD = 0.1  # of a measured amplitude
 
 
+def estimate(amplitudes: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The estimate of amplitudes (n,) that are measured with this information (n, n), with a prior of σ = 1."""
+    cov = np.linalg.inv(information + np.eye(len(amplitudes)))
+    return cov @ information @ amplitudes, cov
+
+
 def after(sizes: Sizes, amplitudes: np.ndarray) -> Sizes:
-    """The sizes after a frame with these amplitudes (3,), as estimated with a prior of σ = 1."""
-    information = np.eye(3) / STD**2
-    cov = np.linalg.inv(information + np.eye(3))
-    return sizes.after_amplitudes(cov @ information @ amplitudes, cov)
+    """The sizes after a frame with these amplitudes (n,), each measured by itself, and one that it does not show."""
+    n = len(amplitudes)
+    shown = weigh(*estimate(np.append(amplitudes, 0.0), np.diag([STD**-2.0] * n + [0.0])), [n])
+    return shown.sizes([sizes], shown.log)[0]
 
 
 def test_the_evidence_of_amplitudes_is_that_of_their_densities() -> None:
@@ -45,6 +51,38 @@ def test_a_size_that_lasts_is_expected_in_the_next_frame_and_fades() -> None:
 def test_a_frame_that_shows_nothing_only_forgets() -> None:
     sizes = after(Sizes(), np.full(3, 20.0))
     for _ in range(100):
-        sizes = sizes.after_amplitudes(np.zeros(3), np.eye(3))
+        sizes = after(sizes, np.zeros(0))
     assert sizes.probabilities == pytest.approx(Sizes().probabilities, abs=0.01)
-    assert sizes.after_amplitudes(np.zeros(0), np.zeros((0, 0))) is sizes
+
+
+def test_blocks_that_look_alike_are_weighed_by_their_joint_density() -> None:
+    """With the sizes of a block of three and one of two, and the amplitude left over, written out densely."""
+    rng = np.random.default_rng(2)
+    by_view = rng.normal(size=(40, 6))
+    by_view[:, 3] = by_view[:, 0] + 0.1 * rng.normal(size=40)  # two blocks in which much looks alike
+    z = rng.normal(size=40) + by_view @ np.array([6.0, 0.5, 0.3, 0.2, 0.1, 0.4])
+    cov = np.linalg.inv(by_view.T @ by_view + np.eye(6))
+    shown = weigh(cov @ by_view.T @ z, cov, [3, 2])
+    assert len(shown.log) == len(SIZES) ** 2
+    apart = []
+    for rows, log, information, weighted in zip(*shown, strict=True):
+        root = by_view[:, :5] * np.repeat(SIZES[rows], [3, 2])
+        of_views = root @ root.T + np.eye(40)
+        inverse = np.linalg.inv(of_views)
+        apart.append(log + 0.5 * z @ inverse @ z + 0.5 * np.linalg.slogdet(of_views)[1])
+        assert information == pytest.approx(by_view[:, 5] @ inverse @ by_view[:, 5], rel=1e-6)
+        assert weighted == pytest.approx(by_view[:, 5] @ inverse @ z, rel=1e-6)
+    assert apart == pytest.approx(np.full(16, apart[0]), abs=1e-6)
+
+
+def test_the_sizes_of_two_blocks_are_the_marginals_of_their_combinations() -> None:
+    before, log = [Sizes(), after(Sizes(), np.full(3, 20.0))], np.random.default_rng(3).normal(size=16)
+    rows = np.indices((4, 4)).reshape(2, -1).T
+    shown = Weighed(rows, log, np.ones(16), np.zeros(16))
+    joint = np.exp(log.reshape(4, 4) + before[0].log_prior[:, None] + before[1].log_prior)
+    sizes = shown.sizes(before, log)
+    assert sizes[0].probabilities == pytest.approx(joint.sum(axis=1) / joint.sum())
+    assert sizes[1].probabilities == pytest.approx(joint.sum(axis=0) / joint.sum())
+    assert shown.total(before, log) == pytest.approx(np.log(joint.sum()))
+    row = shown.rows[shown.row_of(sizes)]
+    assert list(row) == [s.probabilities.argmax() for s in sizes]

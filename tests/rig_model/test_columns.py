@@ -244,9 +244,8 @@ def test_a_steady_rotation_and_a_polynomial_path_have_their_own_velocities_and_a
     found = core.point_motions(cubic, t)
     assert found[:, 0, 0] == pytest.approx(6 * t**2 - 1, abs=1e-9)
     assert found[:, 0, 1] == pytest.approx(2 * t, abs=1e-9)
-    assert found[:-1, 1, 0] == pytest.approx(12 * t[:-1], abs=1e-9)
+    assert found[:, 1, 0] == pytest.approx(12 * t, abs=1e-9)
     assert found[:, 1, 1] == pytest.approx(np.full(6, 2.0), abs=1e-9)
-    assert found[-1, 1] == pytest.approx(found[-2, 1])  # not extrapolated
     for few in (2, 3):
         found = core.point_motions(steady[:few], t[:few])
         assert found == pytest.approx(np.tile(STEADY, (few, 1, 1)), abs=1e-7)
@@ -283,36 +282,59 @@ def test_unknown_timing_has_the_covariance_of_its_causes(mean: tuple[float, floa
     assert (off / np.outer(scale, scale)).max() < 8 / np.sqrt(draws)
 
 
-def test_a_pose_is_as_uncertain_as_its_velocity_makes_views() -> None:
-    """Against poses fitted to views that an error of the velocity has shifted."""
-    root = np.random.default_rng(5).normal(size=(6, 6)) * np.repeat([0.1, 0.03], 3)[:, None]
-    by_pose = np.stack([velocities(P, POINTS, unit) for unit in np.eye(6)], axis=2)
-    for size, times in ((np.array([0.004, 0]), LATE), (np.array([0, 0.02]), ROWS)):
-        fitted = []
-        for twist in root.T:
-            moved = size.sum() * per_second(times, twist)
-            fitted.append(np.linalg.lstsq(by_pose.reshape(-1, 6), moved.ravel(), rcond=None)[0])
-        expected = np.array(fitted).T @ np.array(fitted)
-        found = core.cov_of_timed_pose(*CAMERAS, POINTS, size, root @ root.T)
-        assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+def test_the_errors_of_motions_are_those_of_their_polynomials() -> None:
+    """Of a path with a constant fourth derivative, for frames at the ends; inside, polynomials have one order more."""
+    t, k = SECONDS, 0.7
+    path = np.tile(np.eye(4), (6, 1, 1))
+    path[:, 0, 3] = k * t**4
+    found = core.point_motions(path, t)
+    off = np.array([4 * k * t**3, 12 * k * t**2]).T - found[:, :, 0]
+    size, bend = core.errors_of_motions(t, 0.1).T
+    for i in (0, 1, 4, 5):
+        assert size[i] * k * 6 * 0.1**3 == pytest.approx(off[i, 0], rel=1e-6)
+        assert 2 * bend[i] * off[i, 0] == pytest.approx(off[i, 1], rel=1e-6)
+    assert off[2:4] == pytest.approx(0, abs=1e-9)
+    even = core.errors_of_motions(np.arange(9) / 30, 1 / 30)[:, 0]
+    assert even == pytest.approx([-1, 1 / 3, *5 * [-1 / 6], -1 / 3, 1])
+    assert not core.errors_of_motions(t[:1], 0.1).any()
+
+
+def test_later_frames_show_the_twists_of_a_shaken_camera_as_errors_of_motions_say() -> None:
+    """At 4 Hz, seen at 20 Hz. The errors of one frame, as others follow, are one number; and its change is the bend."""
+    rng, errors = np.random.default_rng(8), []
+    for _ in range(200):
+        phase, t = rng.uniform(0, 2 * np.pi), np.arange(12) / 20
+        rate = 2 * np.pi * rng.uniform(3.5, 4.5)
+        paths = np.tile(np.eye(4), (12, 1, 1))
+        paths[:, 0, 3] = np.sin(rate * t + phase)
+        at = 7
+        true = np.array([rate * np.cos(rate * t[at] + phase), -(rate**2) * np.sin(rate * t[at] + phase)])
+        errors.append([true - core.point_motions(paths[:n], t[:n])[at, :, 0] for n in (8, 9, 10)])
+    first = np.array(errors)[:, 0]
+    for later, n in zip(np.swapaxes(errors, 0, 1), (8, 9, 10), strict=True):
+        size, bend = core.errors_of_motions(np.arange(n) / 20, 1 / 20)[at]
+        rms = np.sqrt((later**2).mean(axis=0))
+        assert rms[0] == pytest.approx(abs(size) * np.sqrt((first[:, 0] ** 2).mean()), rel=0.25)
+        if abs(bend) > 1e-6:
+            assert np.corrcoef(later[:, 0], later[:, 1])[0, 1] * np.sign(bend) > 0.8
+            assert rms[1] == pytest.approx(2 * abs(bend) * rms[0], rel=0.25)
+    assert np.corrcoef(first[:, 0], np.array(errors)[:, 2, 0])[0, 1] < -0.9
 
 
 def test_the_error_of_the_newest_velocity_is_learnt_from_how_velocities_change() -> None:
-    rng, std, assumed = np.random.default_rng(6), np.repeat([0.2, 0.05], 3), np.ones(6)
+    rng, std, change = np.random.default_rng(6), np.repeat([0.2, 0.05], 3), np.full(6, 0.1)
     error = TwistError()
-    at = np.arange(6) / 10
-    assert error.cov(assumed, at) == pytest.approx(0.01 * np.eye(6))
+    assert error.cov(change, 0.5) == pytest.approx(1.25 * 0.01 * np.eye(6))
     extrapolated: dict[int, Array] = {}
     for newest in range(200):
-        frames = list(range(max(0, newest - 5), newest + 1))
-        extrapolated[newest] = TWIST + std * rng.normal(size=6)
-        error = error.after(frames, np.array([extrapolated[k] if k == newest else TWIST for k in frames]))
-    found = error.cov(assumed, at)
+        frames, size = list(range(max(0, newest - 5), newest + 1)), rng.uniform(0.5, 3)
+        extrapolated[newest] = TWIST + size * std * rng.normal(size=6)
+        twists = np.array([extrapolated[k] if k == newest else TWIST for k in frames])
+        error = error.after(frames, twists, size)
     # over 20 frames, with decreasing weights: a variance is known to a factor of 1 ± 0.22
+    found = error.cov(change, 0.0)
     assert np.diag(found) == pytest.approx(std**2, rel=4 * 0.23)
-    gap = np.array([0, 0.1, 0.2, 0.5, 0.6])  # two frames were dropped
-    assert error.cov(assumed, gap) == pytest.approx(3**4 * found)
-    assert error.cov(assumed, np.append(gap, [0.7, 0.8])) == pytest.approx(found)
+    assert error.cov(change, 0.5) == pytest.approx(found + 0.25 * 0.01 * np.eye(6))
 
 
 @pytest.mark.parametrize("uneven", ["stamps", "exposures"])

@@ -72,6 +72,7 @@ def test_several_logs_are_samples_of_one_comparison(tmp_path: Path, cli) -> None
     of_logs = [r["drift"]["verdict"]["ratios"]["frame_to_frame"]["position"]["value"] for r in alone]
     over = report["verdict"]["ratios"]["frame_to_frame"]["position"]
     assert over["value"] == pytest.approx(np.sqrt(np.prod(of_logs))) and over["logs"] == 2
+    assert "none.mcap" in cli("compare", tmp_path / "none.mcap", logs[0].parent / "nor.mcap", code=3).err
     truth = tmp_path / "truth.txt"
     assert "one log" in cli("compare", *logs, "--ground-truth", truth, "--out", tmp_path / "o", code=2).err
 

@@ -57,6 +57,8 @@ def test_halves_are_given_the_calibration_that_the_run_has_found() -> None:
         assert [s["frames"] for s in calibrated] == [s["frames"] for s in by_themselves] == [1, 2, 5, 8]
         assert all(a["factor"] != b["factor"] for a, b in zip(calibrated, by_themselves, strict=True))
         assert told[name] and not told[f"{name}_calibrated"]
+        assert all(s["factor_own"] == s["factor"] and s["factor_common"] > 0 for s in by_themselves)
+        assert all(s["factor_common"] is None for s in calibrated)  # there is one rig
     interruption.requested = True
     assert not test.result(interruption)["image_calibrated"]
     test.close()

@@ -48,9 +48,10 @@ from .reported.track_noise import TrackNoise
 from .rig import judged_rig, learnt_rig, with_field
 from .rig_state import NO_RIG, RigState, impossible
 from .state import WindowState
-from .unknowns.focus import judged_focus, own_at_first, placed_focus, with_focus_at_rest
-from .unknowns.turn import size_turn
-from .unknowns.velocities import cov_of_timing, expect, renewed_timing
+from .unknowns.focus import own_at_first, placed_focus, with_focus_at_rest
+from .unknowns.twist import learnt_twists
+from .unknowns.velocities import expect, renewed_timing
+from .unknowns.weighing import weigh_unknowns
 from .window_frame import WindowFrame, views_of
 
 
@@ -72,7 +73,7 @@ class CrossFrame(TakesSamples):
         self._factors = SpanFactors.unknown(config.window.frames, config.rules.reported)
         self._noise = TrackNoise.unknown(config.rules.reported)
         self._known_by_rows = np.zeros(2)  # information about the delay, and its weighted sum
-        self._turns = Sizes()  # of turns of the right camera, in those that the front-end has learnt
+        self._sizes = [Sizes(), Sizes()]  # of turns and of errors of twists, in usual ones
         self._in_question = False  # whether the motion to the latest estimated frame is ambiguous
         self._impossible = ""  # why the calibration cannot be right; empty if it can
 
@@ -136,7 +137,7 @@ class CrossFrame(TakesSamples):
         self.map = current
         current, motion, rejected, views, corrected_px = self._initial_motion(current, observations, frame, views)
         self.map = current
-        motion, frame = self.inertia.judge(motion, frame)
+        motion, frame = self.inertia.judge(motion, changed(frame, twist_size=self._sizes[-1].probable))
         current = changed(current, rejections=current.rejections.of_live(views.ids))
         if len(current.frames) == self.config.window.frames:
             current = absorbed_oldest(current)
@@ -244,10 +245,9 @@ class CrossFrame(TakesSamples):
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
         if unknown_px is not None:
-            e = 0 if observations.rig is None else observations.rig.turn_root.shape[1]
-            self._turns, seen, found = size_turn(self._turns, e, seen, weights, found)
-            views = views.with_larger_own(slice(0, e), self._turns.probable)
-            current, found, views = judged_focus(current, views, rows, seen, weights, found)
+            of = views, rows, seen, weights, found
+            current, self._sizes, views, weighed = weigh_unknowns(current, self._sizes, *of)
+            found = changed(weighed, second=found.second)  # the front-end has its views, which need not be among these
         return current, found, views.ids[rows[~found.accepted]], views, corrected_px
 
     def _with_marginals(
@@ -279,7 +279,7 @@ class CrossFrame(TakesSamples):
         informative = observations.lasting.inflation is not None and not in_question
         smoothed, self._factors, self._noise = reported(current, self._factors, self._noise, informative)
         current, inertial = self._with_marginals(current, smoothed, in_question)
-        current, cov_timing = cov_of_timing(current, self._std_acceleration)
+        current = learnt_twists(current)
         if motion.ambiguous is None:  # otherwise the motion may be wrong instead
             self._impossible = impossible(rig, self.config.rig)
         observations = _with_misfit(observations, self._impossible)
@@ -288,11 +288,11 @@ class CrossFrame(TakesSamples):
             _solution_of(current, smoothed, before.ids, observations, motion, rules),
             iterations=iterations,
             rig=rig,
-            relative=relative_motions(smoothed, cov_timing, self._factors.by_span, rules.reported.apparent_turns),
+            relative=relative_motions(smoothed, self._factors.by_span, rules.reported.apparent_turns),
             common=common_errors(smoothed, rig),
             inertial=inertial,
         )
-        solution = replace(solution, cov_pose=solution.cov_pose + cov_timing + current.focus.cov_axes)
+        solution = replace(solution, cov_pose=solution.cov_pose + current.focus.cov_axes)
         if rig is not None and observations.rig is not None:
             by_rows = self._since_by_rows(observations, len(rig.mean))
             current = learnt_rig(current, rig, observations.rig.field_std_px, by_rows)

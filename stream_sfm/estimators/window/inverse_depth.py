@@ -86,12 +86,6 @@ class WhitenedViews:
             columns.append(column)
         return WhitenedViews(*columns)
 
-    def with_larger_own(self, columns: slice, factor: float) -> "WhitenedViews":
-        """Return the views with some of the errors that the views of a frame share larger by a factor."""
-        own = self.own.copy()
-        own[..., columns] *= factor
-        return changed(self, own=own)
-
     def __len__(self) -> int:
         return len(self.ids)
 

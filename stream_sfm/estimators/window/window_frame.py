@@ -24,7 +24,7 @@ class WindowFrame:
     consecutive frames share the first six columns, and the others belong to one frame. `interval`: the inertial
     samples since the previous frame; they predict the `velocity` (3,), and the gyroscope gives `turning` (2, 3), the
     angular velocity and acceleration of points. Without samples `interval` and `turning` are None. `misfit`: the images
-    do not fit each other or the calibration.
+    do not fit each other or the calibration. `twist_size`: how much more than usual its twist errs, eq. (7b).
     """
 
     index: int
@@ -36,6 +36,7 @@ class WindowFrame:
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     turning: Array | None = None
     misfit: bool = False
+    twist_size: float = 1.0
 
     @property
     def in_question(self) -> bool:

@@ -30,14 +30,11 @@ def newest_motion(current: WindowState) -> Array:
     return se3.orthonormalise(earlier @ se3.inverse(current.true_cams[-1]))
 
 
-def relative_motions(
-    current: WindowState, cov_newest: Array, by_span: Array, apparent_turns: float
-) -> RelativeMotions:
+def relative_motions(current: WindowState, by_span: Array, apparent_turns: float) -> RelativeMotions:
     """Return the motions from the newest frame to the reference camera and to every other frame of the window.
 
-    `cov_newest` (6, 6): further covariance of the newest pose alone. `by_span` (b,): the factors on σ over 1 … b
-    frames; the views of the window have the last of them, eq. (74d). `apparent_turns`: share of apparent rotations by
-    sliding patches.
+    `by_span` (b,): the factors on σ over 1 … b frames; the views of the window have the last of them, eq. (74d).
+    `apparent_turns`: share of apparent rotations by sliding patches.
     """
     frames, system = current.frames, current.system
     true_cams, (of_poses, of_rig) = current.true_cams, _of_true_cams(current)
@@ -52,7 +49,7 @@ def relative_motions(
     return RelativeMotions(
         frame_indices=np.array([f.index for f in current.all_frames[:-1]], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
-        cov=cov + _of_motions(current, apparent_turns) + cov_newest,
+        cov=cov + _of_motions(current, apparent_turns),
         common_jacobian=by_rig,
     )
 

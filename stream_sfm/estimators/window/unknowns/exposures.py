@@ -5,15 +5,13 @@ stamp by a hundredth of a period becomes a velocity error of one hundredth. So t
 exposed at their stamps, or at the ticks of an even clock.
 
 The velocity at the newest frame is an extrapolation. The change of twists once later frames are known is learnt during
-the run; with the current delay and readout it shifts the views, and so adds to the covariance of the newest pose, eq.
-(70b).
+the run; with the current delay and readout it shifts the views, eq. (70b).
 """
 
 from collections.abc import Mapping
 from dataclasses import field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .... import core
 from ....geometry import Array
@@ -59,45 +57,42 @@ class ExposureClock:
 class TwistError:
     """The covariance (6, 6) of the newest twist of a map, learnt from the later changes of twists.
 
-    `first`: the twists (6,) of the latest frames by index, each as estimated when it was the newest; `cov_learnt` (6,
-    6), from so many `frames`.
+    `first`: the twists (6,) of the latest frames by index, each as estimated when it was the newest, and the size of
+    its error, eq. (70e); `cov_learnt` (6, 6), of size 1, from so many `frames`.
     """
 
-    first: Mapping[int, Array] = field(default_factory=dict)
+    first: Mapping[int, tuple[Array, float]] = field(default_factory=dict)
     cov_learnt: Array = field(default_factory=lambda: np.zeros((6, 6)))
     frames: int = 0
 
-    def after(self, indices: list[int], twists: Array) -> "TwistError":
+    def after(self, indices: list[int], twists: Array, size: float) -> "TwistError":
         """Return the error learnt after a frame; `twists` (n, 6) of frames, as estimated with the newest one."""
         if len(indices) <= _LATER or not twists.any():
             return self
-        first = {**self.first, indices[-1]: twists[-1]}
+        first = {**self.first, indices[-1]: (twists[-1], size)}
         before = first.pop(indices[-1 - _LATER], None)
         if before is None:
             return changed(self, first=first)
-        change, frames = twists[-1 - _LATER] - before, self.frames + 1
+        change, frames = (twists[-1 - _LATER] - before[0]) / before[1], self.frames + 1
         more = (np.outer(change, change) - self.cov_learnt) / min(frames, MEMORY_FRAMES)
         return TwistError(first, self.cov_learnt + more, frames)
 
-    def cov(self, std_acceleration: Array, seconds: Array) -> Array:
-        """Return the covariance (6, 6) for a map with frames at times (n,).
+    def cov(self, std_change: Array, least: float) -> Array:
+        """Return the covariance (6, 6) for a newest frame that follows many others evenly.
 
-        Before it is learnt, it is that of an acceleration of σ (6,) since the previous frame. The error of an
-        extrapolation from frames that are further apart than usual grows with the square of the time.
+        Before it is learnt, it is that of a change of σ (6,) between two frames; `least`: the least share of this σ.
         """
-        apart = np.diff(seconds)
-        further = (apart[-_LATER:].max() / median(apart)) ** 2
         weight = min(self.frames / _LATER, 1.0)
-        return weight * further**2 * self.cov_learnt + (1 - weight) * np.diag((std_acceleration * apart[-1]) ** 2)
+        return weight * self.cov_learnt + (1 - weight + least**2) * np.diag(std_change**2)
 
 
 @record
 class Exposures:
     """A block of a map's state: when the reference camera and the window's frames were exposed.
 
-    `seconds` (F + 1,) since the first of them, and `motions` (F + 1, 2, 6) of points at these times. `has_twist`:
-    whether frames have room for the errors of their twists. `by_twist` (2,): whether the error of the newest twist
-    counts, through delay and through readout. `clock` and `twist_error`: what the run has shown about both.
+    `seconds` (F + 1,) since the first of them, and `motions` (F + 1, 2, 6) of points at these times. `clock` and
+    `twist_error`: what the run has shown about both. `has_twist`: whether the errors of these motions are unknowns;
+    they have a `root` (6, 6) of their covariance, and act by a delay and a readout of `size_s` (2,).
     """
 
     seconds: Array
@@ -105,9 +100,15 @@ class Exposures:
     clock: ExposureClock = ExposureClock()
     twist_error: TwistError = field(default_factory=TwistError)
     has_twist: bool = False
-    by_twist: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(2, bool))
+    root: Array = field(default_factory=lambda: np.zeros((6, 6)))
+    size_s: Array = field(default_factory=lambda: np.zeros(2))
 
     @classmethod
     def of_reference(cls) -> "Exposures":
         """Return the exposures of a new map."""
         return cls(np.zeros(1), np.zeros((1, 2, 6)))
+
+    @property
+    def errors(self) -> Array:
+        """Size and bend (F + 1, 2) of the errors of `motions`, eq. (70e)."""
+        return core.errors_of_motions(self.seconds, median(np.diff(self.seconds)))

@@ -3,7 +3,6 @@
 Amounts are relative changes of the focal length against that of the points, in units of `rig.std_refocused`.
 """
 
-import math
 from dataclasses import field
 
 import numpy as np
@@ -50,10 +49,9 @@ class Calm:
         """The factor on the variance that a frame states."""
         return max(self.spread, 1.0)
 
-    def log_of(self, shown: float, var: float) -> float:
-        """Return the log probability of a frame that shows an amount."""
-        var = self.factor * var + self.var_mean
-        return -0.5 * ((shown - self.mean) ** 2 / var + math.log(var))
+    def log_of(self, shown: Array, var: Array) -> Array:
+        """Return the log probabilities (g,) of a frame that shows these amounts (g,)."""
+        return log_normal(shown - self.mean, self.factor * var + self.var_mean)
 
     def learnt(self, shown: float, var: float, probability: float, most_frames: int) -> "Calm":
         """Return the statistics after a frame that was calm with this probability."""
@@ -76,13 +74,14 @@ class Change:
     var: float = 0.0
     steps: Array = field(default_factory=lambda: _even(_STEPS))
 
-    def log_of(self, shown: float, var: float) -> Array:
-        """Return the log of the joint probability (3,) of a frame that shows an amount, and of each size of step."""
-        return _log_normal(shown - self.at, var + self.var + _STEPS**2) + np.log(self.steps)
+    def log_of(self, shown: Array, var: Array) -> Array:
+        """Return the log of the joint probability (g, 3) of a frame that shows these amounts (g,), and of each step."""
+        return log_normal(shown[:, None] - self.at, var[:, None] + self.var + _STEPS**2) + np.log(self.steps)
 
     def after(self, shown: float, var: float) -> "Change":
         """Return the change after a frame, by a Kalman filter for each size of step."""
-        weights, prior = _normalised(self.log_of(shown, var)), self.var + _STEPS**2
+        log, prior = self.log_of(np.array([shown]), np.array([var]))[0], self.var + _STEPS**2
+        weights = np.exp(log - np.logaddexp.reduce(log))
         gain = prior / (prior + var)
         at = self.at + gain * (shown - self.at)
         mean = float(weights @ at)
@@ -90,16 +89,6 @@ class Change:
         return changed(self, at=mean, var=spread, steps=(1 - _DRAWN_ANEW) * weights + _DRAWN_ANEW * _even(_STEPS))
 
 
-def log_ratio(change: Change, calm: Calm, shown: float, var: float) -> float:
-    """Return the log-likelihood ratio, nats, of a change against none, for a frame that shows an amount."""
-    changed = np.logaddexp.reduce(change.log_of(shown, calm.factor * var))
-    return float(changed) - calm.log_of(shown, var)
-
-
-def _log_normal(apart: float, var: Array) -> Array:
+def log_normal(apart: Array, var: Array) -> Array:
+    """Return the log densities of N(0, `var`), but for a constant."""
     return np.asarray(-0.5 * (apart**2 / var + np.log(var)))
-
-
-def _normalised(log: Array) -> Array:
-    weights = np.exp(log - log.max())
-    return np.asarray(weights / weights.sum())

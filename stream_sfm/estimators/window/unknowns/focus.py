@@ -1,10 +1,8 @@
 """The focal length as an unknown of each frame while it changes: how this begins and ends, eqs. (36c) and (72l)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....geometry import Array
-from ....geometry.point_views import PointViews
 from ....geometry.resection import Resection
 from ....record import changed
 from ....rig_model.terms import FOCAL, TERMS
@@ -16,28 +14,22 @@ from .columns import with_effects, with_unknown
 _AT = TERMS.index(FOCAL)
 
 
-def judged_focus(
-    current: WindowState,
-    views: WhitenedViews,
-    rows: NDArray[np.intp],
-    seen: PointViews,
-    weights: Array,
-    found: Resection,
-) -> tuple[WindowState, Resection, WhitenedViews]:
-    """Return the motion to the next frame, with a focal length of its own if that changes, and the frame's views.
+def effects_of_focus(current: WindowState, views: WhitenedViews) -> Array:
+    """Return the effect (V, 4, 1) px of a change of the focal length by σ on views."""
+    rules = current.prior.rig.rules
+    return np.asarray(views.terms[..., _AT : _AT + 1] * (rules.std_refocused / rules.std_focal))
 
-    `found`: the motion without it; `seen`: the `rows` of the views from which it was found, with `weights` (n,).
+
+def with_focus(current: WindowState, views: WhitenedViews, effects: Array) -> tuple[WindowState, WhitenedViews]:
+    """Return the state and the next frame's views with a focal length of its own, if that has ever changed.
+
+    It is the first unknown of each frame.
     """
-    columns = _columns(current, views)
-    focus, motion = current.focus.judge(
-        seen.with_shared(columns[rows]), weights, found, informative=not current.exposures.by_twist.any()
-    )
-    current = changed(current, focus=focus)
-    if focus.has_begun:
+    if current.focus.has_begun:
         current = _begun(current)
-    if current.has_focus:
-        views = changed(views, own=np.concatenate([columns * focus.moves, views.own], axis=2))
-    return current, motion, views
+    if not current.has_focus:
+        return current, views
+    return current, changed(views, own=np.concatenate([effects * current.focus.moves, views.own], axis=2))
 
 
 def own_at_first(current: WindowState, motion: Resection) -> Array:
@@ -66,12 +58,6 @@ def with_focus_at_rest(current: WindowState) -> WindowState:
     return with_rig_change(current, lambda rig: rig.refocused(rests_at))
 
 
-def _columns(current: WindowState, views: WhitenedViews) -> Array:
-    """Return the effect (V, 4, 1) px of a change of the focal length by σ on views."""
-    rules = current.prior.rig.rules
-    return np.asarray(views.terms[..., _AT : _AT + 1] * (rules.std_refocused / rules.std_focal))
-
-
 def _begun(current: WindowState) -> WindowState:
     """Give each frame of the window a focal length of its own: the change may have begun before it became visible."""
     prior = changed(current.prior, rig=changed(current.prior.rig, zooms=True))
@@ -83,4 +69,4 @@ def _begun(current: WindowState) -> WindowState:
 
 def _placed(current: WindowState, rows: slice) -> WindowState:
     """Set the effect of the focal length on some of the window's views from their terms."""
-    return with_effects(current, rows, slice(0, 1), _columns(current, current.views[rows]))
+    return with_effects(current, rows, slice(0, 1), effects_of_focus(current, current.views[rows]))

@@ -11,16 +11,16 @@ camera, and no view can tell them apart; so the uncertainty of the pose grows wi
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from ....config import RigConfig
 from ....geometry import Array
 from ....geometry.evidence import Evidence
-from ....geometry.point_views import PointViews
-from ....geometry.resection import Resection, refine
+from ....geometry.sizes import Sizes, Weighed
 from ....record import changed, record
-from .focal_change import Calm, Change, log_ratio
+from .focal_change import Calm, Change, log_normal
 
 
 @record
@@ -54,49 +54,45 @@ class FocusWatch:
         """Whether the latest frame is the first that shows the change."""
         return len(self.shown) == 1
 
-    def judge(
-        self, views: PointViews, weights: Array, found: Resection, informative: bool = True
-    ) -> tuple["FocusWatch", Resection]:
-        """Return the watch after a frame, and its motion, with a focal length of its own while that changes.
+    def after(self, frame: Weighed, sizes: Sequence[Sizes]) -> tuple["FocusWatch", Array]:
+        """Return the watch after a frame, and the log likelihoods (g,) of the frame for each combination of sizes.
 
-        The last of the errors that `views` share is a change of the focal length by `rules.std_refocused`; the last of
-        the motion's amplitudes belongs to it. `found` is the motion without it, with `weights` (n,) as in `resect`.
-        Unless the frame is `informative`, it is no evidence: its views move by a velocity that is not known yet,
-        through readout or delay.
+        `frame`: what it shows of a change of the focal length by `rules.std_refocused`, with each combination of the
+        `sizes` of its other unknowns. The first frame after a start shows the errors of the calibration as well.
         """
-        start = np.append(found.amplitudes, 0.0)
-        calm, own = changed(found, amplitudes=start), refine(views, weights, found.cam_from_ref, start)
-        if not own.ok or (not self.moves and own.accepted.sum() < found.accepted.sum()):
-            return self, calm
-        own = changed(own, second=found.second)
-        var = float(own.cov_amplitudes[-1, -1])
-        information = max(1 / var - 1, 1e-9)  # without the prior of σ = 1
-        shown, var = float(own.amplitudes[-1]) / (var * information), 1 / information
-        if abs(shown - (self.change.at if self.moves else 0.0)) > self.rules.most_refocused:  # a body, not a zoom
-            return self.at_rest(), calm
-        watch = self._after(shown, var) if informative else self
-        if not watch.evidence.is_there:
-            return watch.at_rest() if self.moves else watch, calm
-        unit = self.rules.std_refocused
-        return changed(watch, shown=(*self.shown[-self.rules.rested_frames :], (unit * shown, unit**2 * var))), own
-
-    def _after(self, shown: float, var: float) -> "FocusWatch":
-        """Return the watch with the evidence of a frame.
-
-        The first frame after a start shows the errors of the calibration as well. A change begins where it begins: as
-        long as there is no evidence for it, it starts from what calm frames show.
-        """
-        rules = self.rules
+        shown, var = frame.weighted / frame.information, 1 / frame.information
+        likely = frame.log + 0.5 * (shown**2 / var + np.log(var))
         if self.calm is None:
-            return changed(self, calm=Calm(rules.calm_frames))
-        evidence = self.evidence.after(log_ratio(self.change, self.calm, shown, var))
-        change = self.change.after(shown, self.calm.factor * var)
+            likely = likely + log_normal(shown, var + 1)
+            return changed(self, calm=Calm(self.rules.calm_frames)), likely
+        calm = likely + self.calm.log_of(shown, var)
+        change = likely + np.logaddexp.reduce(self.change.log_of(shown, self.calm.factor * var), axis=-1)
+        nats = frame.total(sizes, change) - frame.total(sizes, calm)
+        odds = self.evidence.after(nats).log_odds
+        likely = np.logaddexp(calm - np.logaddexp(0, odds), change - np.logaddexp(0, -odds))
+        row = frame.row_of(frame.sizes(sizes, likely))
+        return self._after(float(shown[row]), float(var[row]), nats), likely
+
+    def _after(self, shown: float, var: float, nats: float) -> "FocusWatch":
+        """Return the watch after a frame that shows an amount, and is so much evidence for a change.
+
+        A change begins where it begins: as long as there is no evidence for it, it starts from what calm frames show.
+        """
+        rules, calm = self.rules, self.calm
+        if calm is None or abs(shown - (self.change.at if self.moves else 0.0)) > rules.most_refocused:
+            return self.at_rest()  # a body, not a zoom
+        evidence = self.evidence.after(nats)
+        change = self.change.after(shown, calm.factor * var)
         if not evidence.is_there and evidence.change == 0.0:
-            change = Change(self.calm.mean)
+            change = Change(calm.mean)
         # what may be a change is not usual
         learns = 0.0 if evidence.is_there else 1 / (1 + math.exp(evidence.change - evidence.bound / 4))
-        calm = self.calm.learnt(shown, var, learns, rules.innovations)
-        return changed(self, evidence=evidence, change=change, calm=calm)
+        calm = calm.learnt(shown, var, learns, rules.innovations)
+        watch = changed(self, evidence=evidence, change=change, calm=calm)
+        if not evidence.is_there:
+            return watch.at_rest() if self.moves else watch
+        unit = rules.std_refocused
+        return changed(watch, shown=(*self.shown[-rules.rested_frames :], (unit * shown, unit**2 * var)))
 
     @property
     def rests_at(self) -> float | None:
