@@ -110,7 +110,7 @@ and their step subtract. New points (j,) have ids, mean (j, 3), covariances (j, 
 Points have anchors (P, 4, 4) and q (P, 3). `own` and `by_rig`: the parts of the joint covariance given the rig's errors
 and from these errors; poses (4, 4). A point is finite if 1/Z exceeds `known_sigmas` σ.)",
         "ref_from_anchor"_a, "q"_a, "own"_a, "by_rig"_a, "world_from_ref"_a, "cam_from_ref"_a, "known_sigmas"_a);
-    def<&doubted_points>(m, "doubted_points", R"(Return covariances (n, 3, 3) of points in the world, with `cov` (6, 6) added to the pose that sees them.
+    def<&widened_points>(m, "widened_points", R"(Return covariances (n, 3, 3) of points in the world, with `cov` (6, 6) added to the pose that sees them.
 
 Points (n, 3) in the camera; the perturbation is on the right of world_from_cam (4, 4), eq. (45).)",
         "points_in_cam"_a, "cov_points_in_world"_a, "world_from_cam"_a, "cov"_a);

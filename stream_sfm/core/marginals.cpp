@@ -149,7 +149,7 @@ WIDER PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_ancho
     return result;
 }
 
-Array<double, 3> doubted_points(Matrix points_in_cam, Matrices cov_in_world, Matrix world_from_cam, Matrix cov) {
+Array<double, 3> widened_points(Matrix points_in_cam, Matrices cov_in_world, Matrix world_from_cam, Matrix cov) {
     std::size_t n = points_in_cam.shape[0];
     require_shape(points_in_cam, {n, 3}, "points_in_cam");
     require_shape(cov_in_world, {n, 3, 3}, "cov_points_in_world");

@@ -138,6 +138,6 @@ struct PointMarginals {
 PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, const CovariancePart& own,
                                const CovariancePart& of_rig, Matrix world_from_ref, Matrix cam_from_ref,
                                double known_sigmas);
-Array<double, 3> doubted_points(Matrix points_in_cam, Matrices cov_in_world, Matrix world_from_cam, Matrix cov);
+Array<double, 3> widened_points(Matrix points_in_cam, Matrices cov_in_world, Matrix world_from_cam, Matrix cov);
 
 }  // namespace core

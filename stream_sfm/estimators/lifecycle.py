@@ -116,7 +116,7 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
     if cov is solution.cov_pose:
         return solution
     seen = solution.points_in_cam, solution.cov_points_in_world, solution.world_from_cam
-    return replace(solution, cov_pose=cov, cov_points_in_world=core.doubted_points(*seen, cov - solution.cov_pose))
+    return replace(solution, cov_pose=cov, cov_points_in_world=core.widened_points(*seen, cov - solution.cov_pose))
 
 
 def too_few_inliers(inliers: int, known: int, config: RobustRules) -> str:

@@ -186,7 +186,7 @@ CALLS = {
     "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
     "_drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "determined_points": (SLOTS, SLOTS[3:], SLOTS, SLOTS > 0, SLOTS > 2, 4),
-    "doubted_points": (POINTS[:, :3], COV[:, :3, :3], np.eye(4), np.eye(6)),
+    "widened_points": (POINTS[:, :3], COV[:, :3, :3], np.eye(4), np.eye(6)),
     "normal_blocks": (PINHOLES, STATE, SEEN, True),
     "poses_by_parts": (PINHOLES, STATE, SEEN, np.ones((N, 3, 6 * N)), np.ones((N, 3)), SLOTS % 3, 3),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),

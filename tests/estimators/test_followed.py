@@ -42,10 +42,10 @@ def at(of: Marginals, pose: np.ndarray) -> Marginals:
 def test_uncertainty_of_the_pose_adds_to_the_points_seen_from_it(some):
     """Covariances of points grow as in eq. (6) for points seen from an uncertain pose, and stay symmetric."""
     root = np.random.default_rng(1).normal(size=(6, 6)) * STD[:, None]
-    doubted, pose = some.doubted(root @ root.T), some.world_from_cam
+    widened, pose = some.widened(root @ root.T), some.world_from_cam
     _, by_pose = points_to_world(pose, root @ root.T, some.points_in_cam, np.zeros_like(some.cov_points))
-    assert doubted.cov_points_in_world == pytest.approx(some.cov_points_in_world + by_pose, rel=1e-9, abs=1e-15)
-    assert np.array_equal(doubted.cov_points_in_world, np.swapaxes(doubted.cov_points_in_world, 1, 2))
+    assert widened.cov_points_in_world == pytest.approx(some.cov_points_in_world + by_pose, rel=1e-9, abs=1e-15)
+    assert np.array_equal(widened.cov_points_in_world, np.swapaxes(widened.cov_points_in_world, 1, 2))
 
 
 def from_filter(reported: Marginals, pose: np.ndarray) -> np.ndarray:

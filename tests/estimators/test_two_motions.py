@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from stream_sfm.config import Config
+from stream_sfm.estimators.window.ambiguous_motions import AmbiguousMotion, AmbiguousMotions
 from stream_sfm.estimators.window.cross_frame import CrossFrame
-from stream_sfm.estimators.window.doubt import Doubt, InQuestion
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.resection import Resection, SecondMotion
 from stream_sfm.geometry.stereo import StereoProjection
@@ -76,7 +76,7 @@ def test_the_set_that_has_agreed_for_longer_is_the_background() -> None:
         assert solution.status is Status.OK
 
 
-def test_a_settled_doubt_no_longer_counts() -> None:
+def test_a_settled_motion_no_longer_counts() -> None:
     frames, _ = observations(9, moves_from=99)
     other = Ambiguity(se3.exp(-OWN) @ se3.inverse(STEP), 1e-8 * np.eye(6))
     with_start = [replace(o, cam_from_previous=se3.inverse(STEP)) for o in frames]
@@ -94,7 +94,7 @@ def test_a_settled_doubt_no_longer_counts() -> None:
     assert np.allclose(relative[2], relative[0], atol=1e-7)
 
 
-def test_what_later_tracks_do_not_confirm_stays_in_doubt() -> None:
+def test_what_later_tracks_do_not_confirm_stays_ambiguous() -> None:
     """The same points get new tracks at frame 5: in frame 6, none shows how the camera moved in frames 3 to 5."""
     frames, _ = observations(10, moves_from=99)
     other = Ambiguity(se3.exp(-OWN) @ se3.inverse(STEP), 1e-8 * np.eye(6))
@@ -115,13 +115,13 @@ def test_what_later_tracks_do_not_confirm_stays_in_doubt() -> None:
     assert in_world[5] > 0.01 > 10 * in_world[99]
 
 
-def test_the_path_to_the_last_unconfirmed_motion_stays_in_doubt() -> None:
+def test_the_path_to_the_last_unconfirmed_motion_stays_ambiguous() -> None:
     ids = np.arange(40)
-    motions = tuple(InQuestion(ids[k : k + 12], (k + 1.0) * np.eye(6)) for k in range(4))
-    doubt = Doubt(cov=4 * np.eye(6), frames=4, motions=motions)
+    motions = tuple(AmbiguousMotion(ids[k : k + 12], (k + 1.0) * np.eye(6)) for k in range(4))
+    path = AmbiguousMotions(cov=4 * np.eye(6), frames=4, motions=motions)
     alone = Resection(STEP, np.eye(6), np.ones(40, bool), 0.0, 34, 1.0, True, np.zeros(40))
     for first, confirmed in ((0, 4), (1, 3), (3, 1), (4, 0)):
-        seen, _ = doubt.with_second(alone, np.full(6, 0.1), np.eye(4), ids[first:])
+        seen, _ = path.with_second(alone, np.full(6, 0.1), np.eye(4), ids[first:])
         later, _ = seen.with_second(alone, np.full(6, 0.1), np.eye(4), ids[:0])  # the first frame counts
         after, n = later.settled(ids[first:])
         assert n == confirmed and not after.cov.any() and not after.motions
@@ -132,24 +132,24 @@ def test_the_path_to_the_last_unconfirmed_motion_stays_in_doubt() -> None:
 def test_if_the_tracks_after_an_ambiguity_have_gone_nothing_is_confirmed() -> None:
     """The motion that has proved to be the camera's may then be that of others than those followed."""
     ids = np.arange(40)
-    doubt = Doubt(cov=np.eye(6), frames=1, motions=(InQuestion(ids, np.eye(6)),), after=ids)
-    assert doubt.settled(ids[28:])[1] == 1
-    left, confirmed = doubt.settled(ids[29:])
+    path = AmbiguousMotions(cov=np.eye(6), frames=1, motions=(AmbiguousMotion(ids, np.eye(6)),), after=ids)
+    assert path.settled(ids[28:])[1] == 1
+    left, confirmed = path.settled(ids[29:])
     assert confirmed == 0 and np.array_equal(left.cov_left, np.eye(6))
 
 
-def test_the_memory_of_motions_in_question_is_bounded() -> None:
-    """Nothing confirms the forgotten ones any more, so that the path up to them stays in doubt."""
-    doubt, ids = Doubt(), np.arange(40)
+def test_the_memory_of_ambiguous_motions_is_bounded() -> None:
+    """Nothing confirms the forgotten ones any more, so that the path up to them stays ambiguous."""
+    path, ids = AmbiguousMotions(), np.arange(40)
     second = SecondMotion(se3.exp(OWN) @ STEP, 1e-8 * np.eye(6), np.zeros(40, bool), 1.0)
     motion = Resection(STEP, np.eye(6), np.ones(40, bool), 0.0, 34, 1.0, True, np.zeros(40), second=second)
     for _ in range(200):
-        doubt, _ = doubt.with_second(motion, np.full(6, 0.1), np.eye(4), ids)
-    assert len(doubt.motions) < 200
+        path, _ = path.with_second(motion, np.full(6, 0.1), np.eye(4), ids)
+    assert len(path.motions) < 200
     alone = changed(motion, second=None)
-    after, confirmed = doubt.with_second(alone, np.full(6, 0.1), np.eye(4), ids)[0].settled(ids)
-    assert confirmed == len(doubt.motions) - 1
-    assert 0 < np.trace(after.cov_left) < np.trace(doubt.cov)
+    after, confirmed = path.with_second(alone, np.full(6, 0.1), np.eye(4), ids)[0].settled(ids)
+    assert confirmed == len(path.motions) - 1
+    assert 0 < np.trace(after.cov_left) < np.trace(path.cov)
 
 
 def test_motions_that_may_have_been_wrong_for_some_frames_are_covered_at_once() -> None:

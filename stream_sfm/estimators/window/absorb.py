@@ -40,7 +40,7 @@ def absorbed_oldest(current: WindowState) -> WindowState:
     prior = changed(prior, cov=cov).absorb_frame(
         current.amplitudes, cam_from_ref, anchors, q, blocks, stays, (new_ids, *alone), leaving
     )
-    prior = changed(prior.truncate_modes(), rig=prior.rig.with_part(not frame.in_question))
+    prior = changed(prior.truncate_modes(), rig=prior.rig.with_part(not frame.is_ambiguous))
     if current.frames:
         prior = prior.refocused(frame, current.frames[0].stamp_ns)
     kept = points.keep(seen_later if current.frames else core.among(points.ids, prior.ids))
@@ -68,7 +68,7 @@ def _without_oldest(current: WindowState) -> tuple[WindowState, WhitenedViews]:
             first_views=None,  # they stay in the prior as they are
             inertia=None if inertia is None else inertia.without_oldest(),
             exposures=changed(exposures, seconds=exposures.seconds[1:]),
-            doubt=current.doubt.seen_from(cam_from_ref),
+            ambiguous_motions=current.ambiguous_motions.seen_from(cam_from_ref),
             points=current.points.seen_from(cam_from_ref),
             cams_from_ref=se3.orthonormalise(current.cams_from_ref[1:] @ se3.inverse(cam_from_ref)),
             own=current.own[1:],

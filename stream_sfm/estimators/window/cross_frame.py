@@ -74,7 +74,7 @@ class CrossFrame(TakesSamples):
         self._noise = TrackNoise.unknown(config.rules.reported)
         self._known_by_rows = np.zeros(2)  # information about the delay, and its weighted sum
         self._sizes = [Sizes(), Sizes()]  # of turns and of errors of twists, in usual ones
-        self._in_question = False  # whether the motion to the latest estimated frame is ambiguous
+        self._is_ambiguous = False  # whether the motion to the latest estimated frame is ambiguous
         self._impossible = ""  # why the calibration cannot be right; empty if it can
 
     def step(self, observations: Observations) -> Solution:
@@ -102,7 +102,7 @@ class CrossFrame(TakesSamples):
         try:
             return self._advance(self.map, observations, frame, views)
         except LostError as lost:
-            if self._in_question:
+            if self._is_ambiguous:
                 self.inertia.forget()
             if not len(observations.track_ids):  # the map continues if its tracks return
                 self.waiting = True
@@ -251,19 +251,19 @@ class CrossFrame(TakesSamples):
         return current, found, views.ids[rows[~found.accepted]], views, corrected_px
 
     def _with_marginals(
-        self, current: WindowState, smoothed: WindowState, in_question: bool
+        self, current: WindowState, smoothed: WindowState, ambiguous: bool
     ) -> tuple[WindowState, InertialEstimate | None]:
         """Return the state with the marginals to report, and the inertial state if there is one.
 
-        With a motion `in_question` the filter's pose is reported.
+        If the motion is `ambiguous`, the filter's pose is reported.
         """
         before = current.marginals
         # all correlated errors have moved the world, and only the weights of eq. (69) account for them
         now = changed(smoothed.newest_marginals(), cov_pose=current.cov_pose)
         known, inertial = self.inertia.report(current, smoothed)
         if known is not None:
-            now = now.at(known.world_from_cam, known.cov_pose + current.cov_doubt)
-        if not in_question:
+            now = now.at(known.world_from_cam, known.cov_pose + current.cov_ambiguous)
+        if not ambiguous:
             frames, most_sigmas = self.config.window.frames, self.config.rules.reported.most_followed
             now = followed(before, now, newest_motion(smoothed), frames, most_sigmas)
             inertial = self.inertia.placed(inertial, now.world_from_cam)
@@ -274,11 +274,11 @@ class CrossFrame(TakesSamples):
     ) -> Solution:
         """Return the Solution from the joint covariance, and give the pose to the motion model."""
         current, rig = judged_rig(current)
-        self._in_question = motion.ambiguous is not None
-        before, rules, in_question = current.marginals, self.config.rules, self._in_question or observations.misfit
-        informative = observations.lasting.inflation is not None and not in_question
+        self._is_ambiguous = motion.ambiguous is not None
+        before, rules, ambiguous = current.marginals, self.config.rules, self._is_ambiguous or observations.misfit
+        informative = observations.lasting.inflation is not None and not ambiguous
         smoothed, self._factors, self._noise = reported(current, self._factors, self._noise, informative)
-        current, inertial = self._with_marginals(current, smoothed, in_question)
+        current, inertial = self._with_marginals(current, smoothed, ambiguous)
         current = learnt_twists(current)
         if motion.ambiguous is None:  # otherwise the motion may be wrong instead
             self._impossible = impossible(rig, self.config.rig)

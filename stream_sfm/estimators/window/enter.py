@@ -95,7 +95,7 @@ def entered(
         cams_from_ref=np.concatenate([current.cams_from_ref, cam_from_ref[None]]),
         own=np.concatenate([current.own, own]),
         inertia=inertia,
-        doubt=current.doubt.with_slide(cam_from_ref, frame.std_turn_rad),
+        ambiguous_motions=current.ambiguous_motions.with_slide(cam_from_ref, frame.std_turn_rad),
     )
     views = changed(views, frame=np.full(len(views), len(current.frames) - 1), used=(known | new) & wanted)
     if frame.rig is not None:
@@ -128,10 +128,10 @@ def with_rejected(current: WindowState, rejected: NDArray[np.int64]) -> WindowSt
 
 
 def with_second(current: WindowState, motion: Resection, std_moved: Array) -> WindowState:
-    """Add the uncertainty from the second of two plausible motions, which may be the true one; see `Doubt`."""
+    """Add the uncertainty from the second of two plausible motions, which may be the true one."""
     seen = current.newest_cam_from_ref, current.agreeing(fewest=1 if motion.ambiguous is None else 2)
-    doubt, ambiguity = current.doubt.with_second(motion, std_moved, *seen)
-    current = changed(current, doubt=doubt)
+    motions, ambiguity = current.ambiguous_motions.with_second(motion, std_moved, *seen)
+    current = changed(current, ambiguous_motions=motions)
     if motion.ambiguous is None or ambiguity is None:
         return current
     newest = len(current.frames) - 1
@@ -146,12 +146,12 @@ def with_second(current: WindowState, motion: Resection, std_moved: Array) -> Wi
 
 def settled(current: WindowState) -> WindowState:
     """Drop the uncertainty about second motions as far back as tracks confirm the motions that were followed."""
-    n, ambiguous = len(current.doubt.motions), [f.ambiguity.shape[1] > 0 for f in current.frames]
-    doubt, confirmed = current.doubt.settled(current.agreeing(fewest=1))
+    n, ambiguous = len(current.ambiguous_motions.motions), [f.ambiguity.shape[1] > 0 for f in current.frames]
+    motions, confirmed = current.ambiguous_motions.settled(current.agreeing(fewest=1))
     first = 0 if confirmed == n else max(sum(ambiguous) - confirmed, 0)
     of_ambiguous = np.cumsum(ambiguous) - 1
     frames = [
         changed(f, ambiguity=np.zeros((6, 0))) if was and k >= first else f
         for f, was, k in zip(current.frames, ambiguous, of_ambiguous, strict=True)
     ]
-    return changed(current, doubt=doubt, frames=tuple(frames))
+    return changed(current, ambiguous_motions=motions, frames=tuple(frames))

@@ -17,7 +17,7 @@ from ...geometry import Array, se3
 from ...geometry.linear import symmetric
 from ...geometry.stereo import StereoProjection
 from ...record import changed, record
-from .doubt import Doubt
+from .ambiguous_motions import AmbiguousMotions
 from .inertia.inertial_window import InertialWindow
 from .inertia.interval import JOINT
 from .inverse_depth import State, WhitenedViews
@@ -46,8 +46,8 @@ class WindowState:
     Of points: `points`, all of the map; `rejections` of their tracks; `dropped`: ids of those that start again with
     their next view; `restarted`: of those that the newest frame started again.
 
-    Of earlier frames: the `prior`, and the `amplitudes` (k,) of its modes. `doubt`: further uncertainty of the newest
-    pose; `focus`: whether the focal length changes.
+    Of earlier frames: the `prior`, and the `amplitudes` (k,) of its modes. `ambiguous_motions`: further uncertainty of
+    the newest pose; `focus`: whether the focal length changes.
 
     Of the latest frame: `solved`: the normal equations, factored; `read`: its marginals, as reported. Both are None
     until the map has begun.
@@ -72,7 +72,7 @@ class WindowState:
     inertia: InertialWindow | None = None
     dropped: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     restarted: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    doubt: Doubt = field(default_factory=Doubt)
+    ambiguous_motions: AmbiguousMotions = field(default_factory=AmbiguousMotions)
     solved: System | None = None
     read: Marginals | None = None
 
@@ -169,9 +169,9 @@ class WindowState:
         return changed(self, prior=prior, amplitudes=np.zeros(prior.modes.shape[2]))
 
     @cached_property
-    def cov_doubt(self) -> Array:
+    def cov_ambiguous(self) -> Array:
         """The covariance (6, 6) that second motions, and patches that slide alike, add to the newest pose."""
-        return self.doubt.of_newest(self.newest_cam_from_ref)
+        return self.ambiguous_motions.of_newest(self.newest_cam_from_ref)
 
     @property
     def cov_pose(self) -> Array:
@@ -179,8 +179,8 @@ class WindowState:
         own, rig = self.system.pose_and_world(len(self.frames) - 1)
         by_both = np.concatenate([-np.eye(6), se3.adjoint(self.newest_cam_from_ref)], axis=1)
         own, rig = by_both @ own, by_both @ rig
-        return symmetric(own @ own.T + rig @ self.system.cov_rig @ rig.T) + self.cov_doubt
+        return symmetric(own @ own.T + rig @ self.system.cov_rig @ rig.T) + self.cov_ambiguous
 
     def newest_marginals(self) -> Marginals:
         """Return the marginals of the newest frame from the latest system."""
-        return Marginals.compute(self.system, self.state, self.world_from_ref).doubted(self.cov_doubt)
+        return Marginals.compute(self.system, self.state, self.world_from_ref).widened(self.cov_ambiguous)

@@ -39,7 +39,7 @@ class WindowFrame:
     twist_size: float = 1.0
 
     @property
-    def in_question(self) -> bool:
+    def is_ambiguous(self) -> bool:
         """Whether the motion from the previous frame may not be the camera's."""
         return self.misfit or self.ambiguity.shape[1] > 0
 

@@ -365,11 +365,11 @@ class Inertia:
             of_mean = smoothed.world_from_ref, smoothed.cams_from_ref, smoothed.inertial_state
             pose, state = smoothed.inertia.newest_mean(*of_mean)
             known = changed(known, world_from_cam=pose, state=state)
-        if len(current.frames) == self._frames and not current.frames[0].in_question:
+        if len(current.frames) == self._frames and not current.frames[0].is_ambiguous:
             self._densities = self._densities.after(window.surprise(current.system, *seen))
         known = with_odds(known, cov, self._std_fixed, self._rig)
         doubted = known.cov.copy()
-        doubted[JOINT["pose"], JOINT["pose"]] += current.cov_doubt
+        doubted[JOINT["pose"], JOINT["pose"]] += current.cov_ambiguous
         self.now = changed(known, cov=doubted)  # predictions begin there
         self._steadiness, moved = self._steadiness.after(known)
         moved = moved and self._belief.is_proven  # its noise is not known before

@@ -59,9 +59,9 @@ class Marginals:
             cov_pose=symmetric(by_both @ (own.both + by_rig.both) @ by_both.T),
         )
 
-    def doubted(self, cov: Array) -> "Marginals":
+    def widened(self, cov: Array) -> "Marginals":
         """Return the marginals with `cov` (6, 6) added to the newest pose and to the points seen from it."""
-        in_world = core.doubted_points(self.points_in_cam, self.cov_points_in_world, self.world_from_cam, cov)
+        in_world = core.widened_points(self.points_in_cam, self.cov_points_in_world, self.world_from_cam, cov)
         return changed(self, cov_pose=self.cov_pose + cov, cov_points_in_world=in_world)
 
     def moved(self, by: Array) -> "Marginals":
@@ -69,7 +69,7 @@ class Marginals:
 
         The move is a known error, so covariances become mean squared errors.
         """
-        result = self.doubted(np.outer(by, by))
+        result = self.widened(np.outer(by, by))
         return result.at(se3.orthonormalise(self.world_from_cam @ se3.exp(by)), result.cov_pose)
 
     def at(self, world_from_cam: Array, cov_pose: Array) -> "Marginals":

@@ -15,7 +15,7 @@ from ...record import changed, record
 _MOST = 128  # motions that are remembered
 
 
-class InQuestion(NamedTuple):
+class AmbiguousMotion(NamedTuple):
     """A motion beside which there was a second one: the `ids` (n,) of its tracks, and the `cov` (6, 6) after it."""
 
     ids: NDArray[np.int64]
@@ -27,7 +27,7 @@ def _none() -> Array:
 
 
 @record
-class Doubt:
+class AmbiguousMotions:
     """A block of a map's state, in axes of the reference camera.
 
     `cov` (6, 6): of second motions, any of which may have been the camera's, one in each of the last `frames`;
@@ -39,25 +39,25 @@ class Doubt:
     cov: Array = field(default_factory=_none)
     cov_slides: Array = field(default_factory=_none)
     frames: int = 0
-    motions: tuple[InQuestion, ...] = ()
+    motions: tuple[AmbiguousMotion, ...] = ()
     after: NDArray[np.int64] | None = None
     cov_left: Array = field(default_factory=_none)
 
-    def seen_from(self, cam_from_ref: Array) -> "Doubt":
+    def seen_from(self, cam_from_ref: Array) -> "AmbiguousMotions":
         """Return the same in axes of another reference camera (4, 4)."""
         ad = se3.adjoint(cam_from_ref)
         covs = {name: ad @ getattr(self, name) @ ad.T for name in ("cov", "cov_slides", "cov_left")}
         return changed(self, motions=tuple(m._replace(cov=ad @ m.cov @ ad.T) for m in self.motions), **covs)
 
-    def with_slide(self, cam_from_ref: Array, std_turn_rad: float) -> "Doubt":
-        """Return the doubt with a rotation by sliding patches, of this σ about each axis of a camera (4, 4)."""
+    def with_slide(self, cam_from_ref: Array, std_turn_rad: float) -> "AmbiguousMotions":
+        """Return the same with a rotation by sliding patches, of this σ about each axis of a camera (4, 4)."""
         turns = std_turn_rad * se3.adjoint(se3.inverse(cam_from_ref))[:, 3:]
         return changed(self, cov_slides=self.cov_slides + turns @ turns.T)
 
     def with_second(
         self, motion: Resection, std_moved: Array, cam_from_ref: Array, ids: NDArray[np.int64]
-    ) -> tuple["Doubt", Array | None]:
-        """Return the doubt with the second of two plausible motions to a camera (4, 4), if any, and the `ambiguity`.
+    ) -> tuple["AmbiguousMotions", Array | None]:
+        """Return the same with the second of two plausible motions to a camera (4, 4), if any, and the `ambiguity`.
 
         `std_moved` (6,): σ of the change of a vehicle's motion between two frames; `ids` (n,): the tracks of the first
         motion.
@@ -81,13 +81,13 @@ class Doubt:
         modes[:, :6] *= np.sqrt(frames**2 - self.frames**2)  # n frames of one sign: n²
         modes[:, 6:] *= frames - self.frames  # the second motion is known this well in each of these frames
         cov = self.cov + modes @ modes.T
-        motions = (*self.motions, InQuestion(ids, cov))
+        motions = (*self.motions, AmbiguousMotion(ids, cov))
         if len(motions) > _MOST:  # memory is bounded: the oldest one can no longer be confirmed
-            motions = (InQuestion(ids[:0], motions[1].cov), *motions[2:])
+            motions = (AmbiguousMotion(ids[:0], motions[1].cov), *motions[2:])
         return changed(self, cov=cov, frames=frames, motions=motions, after=None), ambiguity
 
-    def settled(self, ids: NDArray[np.int64]) -> tuple["Doubt", int]:
-        """Return the doubt after tracks `ids` (n,) have proved to be the scene's, and how many motions this confirms.
+    def settled(self, ids: NDArray[np.int64]) -> tuple["AmbiguousMotions", int]:
+        """Return the same after tracks `ids` (n,) have proved to be the scene's, and how many motions this confirms.
 
         A motion is confirmed if many of its tracks agreed in the first frame after the ambiguity, and so are all after
         it; none is if few of these tracks are left. The uncertainty of the path before them stays.
@@ -97,7 +97,7 @@ class Doubt:
             while first and np.count_nonzero(core.among(self.motions[first - 1].ids, after)) >= MANY_VIEWS:
                 first -= 1
         left = self.cov_left + (self.motions[first - 1].cov if first else 0)
-        return Doubt(cov_slides=self.cov_slides, cov_left=left), len(self.motions) - first
+        return AmbiguousMotions(cov_slides=self.cov_slides, cov_left=left), len(self.motions) - first
 
     def of_newest(self, cam_from_ref: Array) -> Array:
         """Return its contribution to the covariance (6, 6) of the newest pose, that of a camera (4, 4)."""
