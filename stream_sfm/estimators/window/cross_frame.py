@@ -247,7 +247,9 @@ class CrossFrame(TakesSamples):
         if unknown_px is not None:
             of = views, rows, seen, weights, found
             current, self._sizes, views, weighed = weigh_unknowns(current, self._sizes, *of)
-            found = changed(weighed, second=found.second)  # the front-end has its views, which need not be among these
+            found = changed(
+                weighed, second=found.second
+            )  # the front-end has its views, which need not be among these
         return current, found, views.ids[rows[~found.accepted]], views, corrected_px
 
     def _with_marginals(
