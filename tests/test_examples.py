@@ -244,7 +244,7 @@ def with_rotation(pose: np.ndarray) -> np.ndarray:
 
 def test_custom_sink() -> None:
     """Uncertain in the beginning, before the points are known well, and no longer: the alarm ends."""
-    said = run("custom_sink.py", ROOM)
+    said = run("custom_sink.py", ROOM, "--limit", 0.005)
     uncertain, frames = map(int, re.findall(r"^(\d+) frames", said, re.MULTILINE))
     assert 0 < uncertain < 10 < frames == 84
 

@@ -68,7 +68,6 @@ class CrossFrame(TakesSamples):
         self.map: WindowState | None = None
         self.rig: RigState | None = None  # of the latest map
         self.waiting = False  # for tracks of the map to return, since a frame without any view
-        self._std_acceleration = np.array(config.motion.std_acceleration)
         self._has_field = False
         self._factors = SpanFactors.unknown(config.window.frames, config.rules.reported)
         self._noise = TrackNoise.unknown(config.rules.reported)
@@ -234,7 +233,7 @@ class CrossFrame(TakesSamples):
         if start is None:
             predicted, _ = self.motion.predict(observations.stamp_ns)
             start = se3.inverse(predicted) @ previous.world_from_cam
-        current, views, unknown_px = expect(current, frame, views, rows, points, start, self._std_acceleration)
+        current, views, unknown_px = expect(current, frame, views, rows, points, start, self.config.motion)
         corrected_px = _corrected(observations, views, current.rig_error)
         weights = self.config.window.no_history + _frames_agreed(current, views.ids[rows])
         z_px, cov_px = CorrectedViews(corrected_px[rows]), observations.cov_px[rows]

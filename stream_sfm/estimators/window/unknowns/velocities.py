@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .... import core
+from ....config import MotionConfig
 from ....geometry import Array
 from ....geometry.medians import median
 from ....geometry.stereo import clamp_depth
@@ -29,19 +30,19 @@ def expect(
     rows: NDArray[np.intp],
     points: Array,
     cam_from_previous: Array,
-    std_acceleration: Array,
+    rules: MotionConfig,
 ) -> tuple[WindowState, WhitenedViews, Array | None]:
     """Set the effects of the rig's errors on `rows` of the views of the next frame, with the motion of their points.
 
     `points` (n, 4): homogeneous, in the previous camera; the rough motion (4, 4) since. Returns the state, the views,
     and (n, 4, j) px of σ = 1: the errors that these views share, from the `own` amplitudes of the frame, from the
-    uncertainty of the timing, and from that of the disparity. The latter is None for an exact rig. Accelerations have σ
-    (6,).
+    uncertainty of the timing, and from that of the disparity. The latter is None for an exact rig.
     """
     if frame.rig is None:
         return current, views, None
     poses = [np.eye(4), *current.cams_from_ref, cam_from_previous @ current.newest_cam_from_ref]
     stamps_ns = [f.stamp_ns for f in (*current.all_frames, frame)]
+    std_acceleration = np.array(rules.std_acceleration)
     seconds, clock = current.exposures.clock.seconds(np.array(poses), stamps_ns, std_acceleration)
     current = changed(current, exposures=changed(current.exposures, seconds=seconds, clock=clock))
     frames = *current.all_frames, frame
@@ -52,7 +53,7 @@ def expect(
     timing = frame.rig.timing(current.prior.rig.held_at(frame.stamp_ns))
     by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
     views = changed(views, timing=by_timing)
-    std_change = std_acceleration * median(np.diff(seconds))
+    std_change = std_acceleration * min(median(np.diff(seconds)), rules.build_up_s)
     current, views = expect_twist(current, frame.rig, views, rows, moved, timing, std_change)
     known = np.zeros(6)  # the error of the twist is among the frame's own
     of_timing = core.timing_unknowns(*frame.rig.cameras, points, before[0], moved, now[0], *timing, known)
