@@ -53,7 +53,7 @@ def expect(
     timing = frame.rig.timing(current.prior.rig.held_at(frame.stamp_ns))
     by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
     views = changed(views, timing=by_timing)
-    std_change = std_acceleration * min(median(np.diff(seconds)), rules.build_up_s)
+    std_change = std_acceleration * min(median(np.diff(seconds)), rules.speeds_up_s)
     current, views = expect_twist(current, frame.rig, views, rows, moved, timing, std_change)
     known = np.zeros(6)  # the error of the twist is among the frame's own
     of_timing = core.timing_unknowns(*frame.rig.cameras, points, before[0], moved, now[0], *timing, known)
