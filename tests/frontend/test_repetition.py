@@ -71,7 +71,7 @@ def test_a_unique_object_settles_the_earlier_motions() -> None:
 
 @pytest.mark.skipif(not TILED.is_file(), reason="the log is not here")
 def test_no_frame_of_a_recording_is_ok_while_the_scene_looks_the_same_by_two_motions() -> None:
-    """A turn of the right camera or a zoom explains the views of the map, but not that (before, two frames were ok)."""
+    """Nothing that views share, such as a turn of the right camera, explains that (without this two frames are ok)."""
     log = open_log(TILED)
     engine = Engine(log.rig)
     for frame in islice(log.frames(), 13):

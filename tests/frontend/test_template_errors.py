@@ -64,7 +64,7 @@ def test_parts_and_decay_are_learnt_from_rows(white: float, ratio: float, decay:
 
 def with_lasting_errors(sequence: Sequence, ratio: float, rng: np.random.Generator) -> list:
     """Observations with a lasting part on top of their white noise."""
-    slow = lasting(rng, (len(sequence.observations), len(sequence.points_in_world), 4), ratio * sequence.std_px**2)
+    slow = lasting(rng, (len(sequence.observations), len(sequence.points_in_world), 4), ratio * STD_PX**2)
     slow[..., :2] *= np.sqrt(ErrorRules().left_fraction)
     return [replace(o, z_px=o.z_px + slow[o.frame_index, o.track_ids]) for o in sequence.observations]
 

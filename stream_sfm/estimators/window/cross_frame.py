@@ -246,9 +246,10 @@ class CrossFrame(TakesSamples):
         if unknown_px is not None:
             of = views, rows, seen, weights, found
             current, self._sizes, views, weighed = weigh_unknowns(current, self._sizes, *of)
-            found = changed(
-                weighed, second=found.second
-            )  # the front-end has its views, which need not be among these
+            # views that are not among these may belong to the second motion, too
+            repeats = observations.ambiguity is not None and observations.ambiguity.repeats
+            explained = weighed.share * len(rows) >= robust.calm_share * (len(views) - observations.n_new)
+            found = weighed if explained and not repeats else changed(weighed, second=found.second)
         return current, found, views.ids[rows[~found.accepted]], views, corrected_px
 
     def _with_marginals(
