@@ -13,7 +13,7 @@ frame. Covariances of poses are those of ξ = (translation, rotation) in `world_
 
 from typing import Any
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 
 def __getattr__(name: str) -> Any:
