@@ -104,7 +104,7 @@ def show(results: dict[str, Any]) -> None:
             if isinstance(value, float):
                 table.add_row(key, f"{value:.3g}")
         for key, value in r["ground_truth"].items():
-            if value is not None:
+            if isinstance(value, int | float):
                 table.add_row(key, f"{value:.4g}")
         counts = r["calls_a_frame"]
         for whose in ("core", "python"):
