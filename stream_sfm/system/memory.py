@@ -30,4 +30,6 @@ def is_refused(error: BaseException) -> bool:
             return any(words in str(error) for words in _BY_LOADER)
         case RuntimeError():
             return "can't start new thread" in str(error)  # there is no room for its stack
+    if type(error).__name__ == "ZstdError":
+        return "not enough memory" in str(error)
     return type(error).__module__ == "cv2" and getattr(error, "code", 0) == _OPENCV_NO_MEMORY

@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import zstandard
 
 import stream_sfm as sfm
 from stream_sfm.pipeline.observer import Observer
@@ -44,9 +45,12 @@ def test_all_refusals_are_known() -> None:
     known = [
         refused.value, MemoryError(), OSError(errno.ENOMEM, "Cannot allocate memory"),
         ImportError("cv2.abi3.so: failed to map segment from shared object"), RuntimeError("can't start new thread"),
+        zstandard.ZstdError("cannot compress: Allocation error : not enough memory"),
     ]  # fmt: skip
     assert all(map(memory.is_refused, known))
-    others = [OSError(errno.ENOSPC, ""), ImportError("no module"), RuntimeError("x"), ValueError("x")]
+    others = [
+        OSError(errno.ENOSPC, ""), ImportError("no module"), RuntimeError("x"), ValueError("x"), zstandard.ZstdError("x"),
+    ]  # fmt: skip
     assert not any(map(memory.is_refused, others))
 
 
