@@ -49,7 +49,8 @@ def test_all_refusals_are_known() -> None:
     ]  # fmt: skip
     assert all(map(memory.is_refused, known))
     others = [
-        OSError(errno.ENOSPC, ""), ImportError("no module"), RuntimeError("x"), ValueError("x"), zstandard.ZstdError("x"),
+        OSError(errno.ENOSPC, ""), ImportError("no module"), RuntimeError("x"), ValueError("x"),
+        zstandard.ZstdError("x"),
     ]  # fmt: skip
     assert not any(map(memory.is_refused, others))
 
