@@ -25,7 +25,7 @@ def limited(mib: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit address space")
-@pytest.mark.parametrize("mib", [100, 200, 300, 340, 370, 390, 410, 430])
+@pytest.mark.parametrize("mib", [100, 200, 300, 340, 370, 390, 410, 450])
 def test_a_limit_is_met_by_a_sentence(mib: int, wall_log: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = [sys.executable, "-m", "stream_sfm", "replay", wall_log, "--out", out, "-q"]
