@@ -146,7 +146,7 @@ class PairRules(Section, frozen=True, kw_only=True):
     # One frame with a problem has this evidence. New points that fit end it within a second for most cameras.
     bound_nats: Annotated[float, expert("evidence that begins or ends a problem, nats", 0.1, 1e6)] = 7.0
     memory_frames: Annotated[float, expert("frames over which new points show that images fit", 1, 1e6)] = 30.0
-    good_share: Annotated[float, expert("share of all points that agree in a good frame", 0, 0.999)] = 0.6
+    good_share: Annotated[float, expert("share of all points that agree in a good frame", 0, 1)] = 0.6
     # With real calibrations, rows differ by up to 1.9 px in a corner.
     max_rows_px: Annotated[float, expert("largest row difference of left and right, px", 0.1, 1e8)] = 2.5
     # Real matches scatter around their polynomial by up to 0.3 px.

@@ -739,7 +739,7 @@ def timing_unknowns(
     twist: Array,
     mean: Array,
     cov: Array,
-    std_twist: Array,
+    std_twist: Array | None | None,
 ) -> Array: ...
 def track_covariances(
     cov_left_px: Array, var_rho: Array, drift_px: Array, focal_px: float, baseline_m: float

@@ -45,10 +45,11 @@ The effect on a side with NaN is zero.)",
     def<&timing_unknowns>(m, "timing_unknowns", R"(Return errors (n, 4, j) px, at σ = 1, of changes of views by delay and readout, N(`mean` (2,), `cov` (2, 2)), s.
 
 Homogeneous points (n, 4) and their twists (6,) are given for the previous and the current frame. A constant delay or
-readout has an effect if the velocity has changed; its effect is uncertain if the velocity is, by `std_twist` (6,). The
-result has principal components, without those that are negligible beside the noise of a good view. Raises LinAlgError
+readout has an effect if the velocity has changed; its effect is uncertain if the velocity is, by `std_twist` (6,), or
+None. The result has principal components, without those that are negligible beside the noise of a good view. Raises LinAlgError
 if `cov` is not definite.)",
-        "pinholes"_a, "exposed"_a, "points_before"_a, "twist_before"_a, "points"_a, "twist"_a, "mean"_a, "cov"_a, "std_twist"_a);
+        "pinholes"_a, "exposed"_a, "points_before"_a, "twist_before"_a, "points"_a, "twist"_a, "mean"_a, "cov"_a,
+        "std_twist"_a.none());
     def<&unknown_errors>(m, "unknown_errors", R"(Return the unknown errors (n, 4, j) px, of σ = 1, of views (n, 4).
 
 They are those of `timing_unknowns`, for homogeneous points (n, 4) in the previous and the current frame, which move

@@ -291,7 +291,8 @@ Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& e
 }
 
 WIDER Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points_before,
-                                 Vector twist_before, Matrix points, Vector twist, Vector mean, Matrix cov, Vector std_twist) {
+                                 Vector twist_before, Matrix points, Vector twist, Vector mean, Matrix cov,
+                                 std::optional<Vector> std_twist) {
     auto timed = [&](Matrix at, Vector by) {
         Array<double, 2> steady = without_acceleration(by);
         return timed_views(pinholes, exposed, at, steady, mean, std::nullopt);
@@ -301,21 +302,22 @@ WIDER Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRo
     require(points_before.shape[0] == n, "there are not as many points before as now");
     require_shape(mean, {2}, "mean");
     require_shape(cov, {2, 2}, "cov");
-    require_shape(std_twist, {6}, "std_twist");
+    if (std_twist) require_shape(*std_twist, {6}, "std_twist");
     double size[2];  // root mean squares
     for (int k = 0; k < 2; k++) size[k] = std::sqrt(mean.data[k] * mean.data[k] + cov[k][k]);
     double root[4];
     require_definite(cholesky<2>(cov.data, root), "the covariance of delay and readout is not positive definite");
-    Array<double, 3> result(n, 4, 14);
+    const std::size_t columns = std_twist ? 14 : 2;
+    Array<double, 3> result(n, 4, columns);
     for (std::size_t i = 0; i < n; i++) {
         double by_twist[24], rows[4];
-        timing_by_twist(pinholes, exposed, points[i], by_twist, rows);
-        for (int c = 0; c < 4; c++) {
-            double* out = result[i] + 14 * c;
+        if (std_twist) timing_by_twist(pinholes, exposed, points[i], by_twist, rows);
+        for (std::size_t c = 0; c < 4; c++) {
+            double* out = result[i] + columns * c;
             for (int k = 0; k < 2; k++)
                 for (int l = k; l < 2; l++) out[k] += (moved[i][2 * c + l] - then[i][2 * c + l]) * root[2 * l + k];
-            for (int k = 0; k < 6; k++) {
-                double by_time = std_twist.data[k] * by_twist[6 * c + k];
+            for (int k = 0; std_twist && k < 6; k++) {
+                double by_time = std_twist->data[k] * by_twist[6 * c + k];
                 if (c == LATE) out[2 + k] = size[0] * by_time;
                 out[8 + k] = size[1] * by_time * rows[c];
             }

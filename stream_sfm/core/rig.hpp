@@ -35,7 +35,8 @@ Array<double, 2> polynomial_rows(const ExposedRows& exposed, Matrix z);
 Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Matrix motion,
                              Vector timing, std::optional<Matrix> z);
 Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points_before,
-                                 Vector twist_before, Matrix points, Vector twist, Vector mean, Matrix cov, Vector std_twist);
+                                 Vector twist_before, Matrix points, Vector twist, Vector mean, Matrix cov,
+                                 std::optional<Vector> std_twist);
 // Errors (n, k) of σ = 1 as principal components (n, j) of σ = 1, without those that are negligible beside a good view's noise.
 Array<double, 2> principal_components(Matrix errors);
 Array<double, 3> principal_errors(Matrices errors);  // of views (n, 4, k)

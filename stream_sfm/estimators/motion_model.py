@@ -59,8 +59,8 @@ class MotionModel:
     def add(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array, doubts: Doubts = NO_DOUBTS) -> Array:
         """Add the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
 
-        A doubtful pose is used, and its covariance covers the alternative, eq. (43a). If a doubt of the start is never
-        settled, its covariance stays in all later poses.
+        A pose that may be wrong is used, and its covariance also covers the other possible pose, eq. (43a). If nothing
+        has confirmed the start, what was added to its covariance stays in all later ones.
         """
         if doubts.unconfirmed and self._covered is not None:
             self._left = [*self._left, self._covered][-16:]  # memory is bounded

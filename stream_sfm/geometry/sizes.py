@@ -31,9 +31,7 @@ class Sizes:
 
     def after(self, log_likelihoods: Array) -> "Sizes":
         """Return the sizes after a frame with these log likelihoods (k,) of each size."""
-        posterior = self.log_prior + log_likelihoods
-        weights = np.exp(posterior - posterior.max())
-        return changed(self, probabilities=weights / weights.sum())
+        return changed(self, probabilities=_probabilities(self.log_prior + log_likelihoods))
 
     @property
     def probable(self) -> float:
@@ -55,9 +53,8 @@ class Weighed(NamedTuple):
 
     def sizes(self, before: Sequence[Sizes], log_likelihoods: Array) -> list[Sizes]:
         """Return the sizes of the blocks after a frame with these log likelihoods (g,)."""
-        posterior = log_likelihoods + self._log_prior(before)
-        weights = np.exp(posterior - posterior.max())
-        counts = [np.bincount(rows, weights / weights.sum(), len(SIZES)) for rows in self.rows.T]
+        weights = _probabilities(log_likelihoods + self._log_prior(before))
+        counts = [np.bincount(rows, weights, len(SIZES)) for rows in self.rows.T]
         return [changed(sizes, probabilities=count) for sizes, count in zip(before, counts, strict=True)]
 
     def total(self, before: Sequence[Sizes], log_likelihoods: Array) -> float:
@@ -73,6 +70,11 @@ class Weighed(NamedTuple):
         return sum(
             (s.log_prior[rows] for s, rows in zip(before, self.rows.T, strict=True)), np.zeros(len(self.log))
         )
+
+
+def _probabilities(log: Array) -> Array:
+    weights = np.exp(log - log.max())
+    return np.asarray(weights / weights.sum())
 
 
 def weigh(mean: Array, cov: Array, lengths: Sequence[int]) -> Weighed:

@@ -36,7 +36,7 @@ def test_table_has_no_rows_of_an_inertial_unit_without_one(capsys: pytest.Captur
 
 
 def test_sigma_of_motions_is_shown_in_two_figures(capsys: pytest.CaptureFixture[str]) -> None:
-    """Own errors of the motions as far as they are told apart, and those of the rig; only one for an exact rig."""
+    """Own errors of the motions for the spans that have them, and those of the rig; only one for an exact rig."""
     spans = [
         {"frames": 1, "factor": 0.56, "factor_own": 0.76, "factor_common": 0.34},
         {"frames": 50, "factor": 0.32, "factor_own": None, "factor_common": None},

@@ -1,7 +1,7 @@
 """Confirms by points that begin later that the motion followed is the camera's.
 
-A body that is followed instead of the scene cannot be told by its own points. But points begin where they are missing,
-on the scene as well as on the body, so that only some of them agree with a body.
+The points of a body that is followed instead of the scene all agree with its motion. But points begin where they are
+missing, on the scene as well as on the body, and those on the scene disagree.
 """
 
 import numpy as np

@@ -105,9 +105,8 @@ def _effects(current: WindowState, rig: RigModel, expected_px: Array, points_in_
     late_s = rig.late_s(expected_px, np.array([0.0, exposures.size_s[1]])) + exposures.size_s[0] * _LATE
     late_s = size * late_s * (1 + bend * late_s)
     late_s[:, 3] += exposures.size_s[0]
-    by_twist = np.stack(
-        [core.velocities(current.projection, points_in_cam, e[None]) for e in np.eye(TWIST)], axis=2
-    )
-    moved = late_s[:, :, None] * by_twist
+    n, unit = len(points_in_cam), np.eye(TWIST)
+    by_twist = core.velocities(current.projection, np.repeat(points_in_cam, TWIST, axis=0), np.tile(unit, (n, 1)))
+    moved = late_s[:, :, None] * np.swapaxes(by_twist.reshape(n, TWIST, 4), 1, 2)
     moved[~np.isfinite(expected_px)] = 0.0
     return np.asarray(moved @ exposures.root)

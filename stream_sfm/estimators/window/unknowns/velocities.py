@@ -55,8 +55,8 @@ def expect(
     views = changed(views, timing=by_timing)
     std_change = std_acceleration * min(median(np.diff(seconds)), rules.speeds_up_s)
     current, views = expect_twist(current, frame.rig, views, rows, moved, timing, std_change)
-    known = np.zeros(6)  # the error of the twist is among the frame's own
-    of_timing = core.timing_unknowns(*frame.rig.cameras, points, before[0], moved, now[0], *timing, known)
+    # the error of the twist is among the frame's own
+    of_timing = core.timing_unknowns(*frame.rig.cameras, points, before[0], moved, now[0], *timing, None)
     cov_held = current.prior.rig.cov_held[DISPARITY, DISPARITY] + LEAST_VARIANCE * np.eye(DISPARITY.stop)
     by_disparity = frame.rig.by_disparity(points, cam_from_previous, views.z_px[rows])
     of_disparity = by_disparity @ np.linalg.cholesky(cov_held)
