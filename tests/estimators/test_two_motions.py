@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from stream_sfm.config import Config
 from stream_sfm.estimators.window.ambiguous_motions import AmbiguousMotion, AmbiguousMotions
@@ -136,6 +137,15 @@ def test_if_the_tracks_after_an_ambiguity_have_gone_nothing_is_confirmed() -> No
     assert path.settled(ids[28:])[1] == 1
     left, confirmed = path.settled(ids[29:])
     assert confirmed == 0 and np.array_equal(left.cov_left, np.eye(6))
+
+
+@pytest.mark.parametrize("agree,is_confirmed", [(11, False), (12, True), (19, False), (20, True)])
+def test_most_tracks_of_a_motion_confirm_it(agree: int, is_confirmed: bool) -> None:
+    """And at least twelve. Before tiles half of them agree later although their depths, and the motion, are wrong."""
+    ids = np.arange(30 if agree > 12 else 12)
+    path = AmbiguousMotions(cov=np.eye(6), frames=1, motions=(AmbiguousMotion(ids, np.eye(6)),))
+    now = np.arange(len(ids) - agree, len(ids) + 30)
+    assert path.settled(now)[1] == is_confirmed
 
 
 def test_the_memory_of_ambiguous_motions_is_bounded() -> None:

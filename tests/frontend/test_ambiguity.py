@@ -63,7 +63,7 @@ def test_an_ambiguity_that_new_points_contradict_lasts() -> None:
 
 
 def test_after_a_repetitive_view_new_points_settle_the_path() -> None:
-    """The frames are no longer ambiguous, but what was followed before is settled only by points that begin then."""
+    """As long as it repeats, none counts; then a frame is ambiguous until points that begin since have confirmed it."""
     memory, tracks, told = AmbiguityMemory(), TRACKS, []
     alike = SecondMotion(OTHER_FROM_FIRST @ FIRST, np.eye(6), ~LATER & LATER, 1.0)
     for k in range(20):
@@ -72,5 +72,5 @@ def test_after_a_repetitive_view_new_points_settle_the_path() -> None:
         tracks = changed(tracks, ids=tracks.ids + 20)
     end = [settled for _, _, settled in told].index(True)
     assert told[:4] == [(True, True, False)] * 4 and 4 < end < 12
-    assert told[4:end] == [(False, True, False)] * (end - 4)
+    assert told[4:end] == [(True, False, False)] * (end - 4)
     assert told[end:] == [(False, False, True), *[(False, False, False)] * (19 - end)]

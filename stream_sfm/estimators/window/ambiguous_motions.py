@@ -13,6 +13,9 @@ from ...geometry.resection import MANY_VIEWS, Resection
 from ...record import changed, record
 
 _MOST = 128  # motions that are remembered
+# Share of the tracks of a motion that confirm it. In front of tiles, with depths of a tile off, half of them agreed
+# afterwards as well: 62 ok poses were wrong by 39 mm at σ 16. Of right motions 70 to 90 % do.
+_MOST_TRACKS = 2 / 3
 
 
 class AmbiguousMotion(NamedTuple):
@@ -89,12 +92,12 @@ class AmbiguousMotions:
     def settled(self, ids: NDArray[np.int64]) -> tuple["AmbiguousMotions", int]:
         """Return the same after tracks `ids` (n,) have proved to be the scene's, and how many motions this confirms.
 
-        A motion is confirmed if many of its tracks agreed in the first frame after the ambiguity, and so are all after
-        it; none is if few of these tracks are left. The uncertainty of the path before them stays.
+        A motion is confirmed if most of its tracks, and many, agreed in the first frame after the ambiguity, and so are
+        all after it; none is if few of these tracks are left. The uncertainty of the path before them stays.
         """
         after, first = ids if self.after is None else self.after, len(self.motions)
         if np.count_nonzero(core.among(after, ids)) >= MANY_VIEWS:
-            while first and np.count_nonzero(core.among(self.motions[first - 1].ids, after)) >= MANY_VIEWS:
+            while first and _confirm(after, self.motions[first - 1].ids):
                 first -= 1
         left = self.cov_left + (self.motions[first - 1].cov if first else 0)
         return AmbiguousMotions(cov_slides=self.cov_slides, cov_left=left), len(self.motions) - first
@@ -103,3 +106,9 @@ class AmbiguousMotions:
         """Return its contribution to the covariance (6, 6) of the newest pose, that of a camera (4, 4)."""
         ad = se3.adjoint(cam_from_ref)
         return np.asarray(ad @ (self.cov + self.cov_slides + self.cov_left) @ ad.T)
+
+
+def _confirm(after: NDArray[np.int64], ids: NDArray[np.int64]) -> bool:
+    """Whether many of the tracks `ids` (n,) of a motion, and most of them, are among those `after` (m,) it."""
+    agree = np.count_nonzero(core.among(ids, after))
+    return bool(agree >= max(MANY_VIEWS, _MOST_TRACKS * len(ids)))

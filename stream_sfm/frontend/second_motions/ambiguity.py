@@ -2,8 +2,8 @@
 
 Two sets of tracks move differently, and nothing shows which of them is static. If one of them leaves the view, this
 does not prove that the other one is the background. So the ambiguity continues until points that begin in the meantime
-confirm the motion followed (`confirmation.py`). If the scene is repetitive (`repetition.py`), a frame is ambiguous
-until something unique comes into view, and points that begin then confirm or refute the motion.
+confirm the motion followed (`confirmation.py`). If the scene is repetitive (`repetition.py`), they begin to count when
+something unique comes into view.
 """
 
 from dataclasses import field
@@ -20,8 +20,8 @@ from .confirmation import Confirmation
 class AmbiguityMemory:
     """The `last` second motion, and its difference from the motion followed, `second_from_first` (4, 4).
 
-    `confirmation`: of the motion followed, since the last frame with a second motion. `repeats`: the ambiguity exists
-    because the scene looks the same under both motions.
+    `confirmation`: of the motion followed, since the last frame with a second motion. `repeats`: in the last frame the
+    scene looked the same under both motions.
     """
 
     last: SecondMotion | None = None
@@ -59,7 +59,7 @@ class AmbiguityMemory:
         confirmation = self.confirmation.after(before.ids, motion.accepted)
         if confirmation.is_there:
             return AmbiguityMemory.none(rules), None, True
-        return changed(self, confirmation=confirmation), None if self.repeats else remembered, False
+        return changed(self, confirmation=confirmation, repeats=False), remembered, False
 
     def second_beside(self, cam_from_ref: Array) -> SecondMotion | None:
         """Predict the alternative motion: a given one (4, 4) composed with the last difference."""

@@ -26,13 +26,14 @@ from ..tracks import Tracks
 def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
     """Return the motion with a second one for which the scene looks `alike`, if there is one, the smaller one first.
 
-    It is sought while hardly any track has a history, and from then on as long as the scene is repetitive.
+    It is sought while hardly any track has a history, and from then on as long as the scene is repetitive. Something
+    unique ends that: it shows the velocity, so that flow no longer begins at a neighbour.
     """
     if state.ambiguity.repeats:
         second = state.ambiguity.second_beside(rough.cam_from_previous)
         return changed(rough, alike=second if _still_repeats(step, state.tracks, rough, second) else None)
     known = np.count_nonzero(state.tracks.agreed) >= MANY_VIEWS
-    second = None if known else _second_motion(step, state.tracks, rough)
+    second = None if known or state.ambiguity.lasts else _second_motion(step, state.tracks, rough)
     if second is None:
         return rough
     size, second_size = (
