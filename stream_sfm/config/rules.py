@@ -36,7 +36,9 @@ class MotionRules(Section, frozen=True, kw_only=True):
     # With 1, 41 frames of KITTI 06 are degraded.
     slides_most: Annotated[float, expert("multiple of the template drift that a track survives", 0, 100)] = 2.0
     # Because of noise, not all of them agree even with the right motion.
-    as_many: Annotated[float, expert("share of old tracks that must agree with the steadier motion", 0, 1)] = 0.9
+    as_many: Annotated[float, expert("share of the views of a motion that another explains in its place", 0, 1)] = (
+        0.9
+    )
     # This is long enough to average, and short enough to follow a camera that is put on a vehicle.
     unsteady_frames: Annotated[int, expert("frames over which changes of the motion are averaged", 1, 10_000)] = 30
     # A few frames say more than the assumptions about any camera.
@@ -52,7 +54,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
         float, expert("cap on a squared change of motion, multiple of the earlier mean", 1, 1e6)
     ] = 9.0
     # Squared distances of six unknowns are 6 on average.
-    inertial_near: Annotated[float, expert("largest squared distance of a motion from inertia", 0, 1e6)] = 20.0
+    expected_near: Annotated[float, expert("largest squared distance of a motion from the expected", 0, 1e6)] = 20.0
     # This corresponds to odds of 1800.
     inertial_apart: Annotated[
         float, expert("least difference between two motions' squared distances from inertia", 0, 1e6)

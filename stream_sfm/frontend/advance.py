@@ -68,8 +68,7 @@ def advance(
         ambiguity=ambiguity,
         start=_start(step, state, seen, motion, in_question),
     )
-    has_samples = step.by_inertia is not None and step.by_inertia.agreed
-    found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, has_samples)
+    found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, step.samples_agree)
     return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, other, settled)
 
 

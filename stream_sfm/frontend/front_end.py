@@ -269,8 +269,7 @@ def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | 
     """Return why a frame's motion may not be the camera's: another one may be, or left and right are inconsistent."""
     misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
     if other is not None:
-        repeats = state.ambiguity.repeats
-        return Ambiguity(other.cam_from_ref, other.cov_pose, misfit, other.lasted, of_start, repeats)
+        return Ambiguity(other.cam_from_ref, other.cov_pose, misfit, other.lasted, of_start)
     return Ambiguity(misfit=True, of_start=of_start) if misfit else None
 
 
