@@ -9,7 +9,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.polynomial.polynomial import polyvander2d
 from numpy.typing import NDArray
 
 from ..errors import RigError
@@ -146,7 +145,8 @@ class Rectifier:
         """Return k polynomials over both images, fitted to values (n, k) at the places of each side."""
         size = self.projection.width, self.projection.height
         x, y = (2 * self._nodes / size - 1).T
-        products = polyvander2d(x, y, (SETTINGS.degree, SETTINGS.degree))
+        powers = (np.vander(at, SETTINGS.degree + 1, increasing=True) for at in (x, y))
+        products = np.einsum("ni,nj->nij", *powers).reshape(len(x), -1)
         fitted = [
             np.linalg.lstsq(products[at], of_side, rcond=None)[0].T
             for (_, at, _), of_side in zip(self._places, values, strict=True)

@@ -107,7 +107,7 @@ class PairFit:
             root, _ = views.linearise(motion.cam_from_ref)
             left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
         missing = before.ids[inside & ~has_right]
-        counts = inside & ~core.among(before.ids, np.intersect1d(missing, missed))
+        counts = inside & (has_right | ~core.among(before.ids, missed))  # not those that are missing again
         return cls(before.ids[counts], left[counts], both[counts], found.has_samples, missing)
 
 
