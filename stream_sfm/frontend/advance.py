@@ -9,6 +9,8 @@ from ..record import changed, record, rows_of
 from .alignment import learn_noise
 from .learnt.pair_check import Found
 from .mono.parallax import update_by_parallax
+from .rules import MotionRules
+from .second_motions.depth_order import StartRules
 from .second_motions.motion_choice import contradict_far, may_be_scene
 from .second_motions.start_check import StartCheck
 from .second_motions.unsteadiness import Unsteadiness
@@ -83,7 +85,7 @@ def _placed(
     cam_from_start: Array,
 ) -> Tracks:
     """Return the tracks (n) in the new camera, on the rays of their views (n, 4) with covariances (n, 4, 4)."""
-    projection, forgetting = step.setup.projection, step.setup.rules.motion.forgetting
+    projection, forgetting = step.setup.projection, step.setup.rules.of(MotionRules).forgetting
     if projection.virtual_right:
         return update_by_parallax(
             projection, tracks.moved(cam_from_previous), z_px, cov_px, cam_from_start, forgetting
@@ -100,7 +102,7 @@ def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, in_q
     counts = motion.accepted
     if motion.second is None or not motion.second.in_front:
         others = may_be_scene(step.setup.rules, seen.before, motion.accepted, start.fills_view)
-        counts = counts | (others & ~contradict_far(step.setup.rules.start, seen, motion, others))
+        counts = counts | (others & ~contradict_far(step.setup.rules.of(StartRules), seen, motion, others))
     return start.after(seen.before.ids[counts], motion.accepted[counts])
 
 
@@ -110,7 +112,7 @@ def _unsteadiness(step: Step, state: FrontEndState, cam_from_previous: Array) ->
     if step.dt_s <= 0 or not state.velocity.any():
         return before
     if before is None:
-        rules = step.setup.rules.motion
+        rules = step.setup.rules.of(MotionRules)
         assumed = (step.setup.std_acceleration[[0, 3]] * step.dt_s**2) ** 2
         before = Unsteadiness(assumed, rules.assumed_frames, rules)
     expected = se3.exp(state.velocity * step.dt_s)
