@@ -13,7 +13,7 @@ from .aligned_views import align
 from .learnt.first_timing import first_timed
 from .rough_motion import find_rough_motion
 from .rules import MotionRules
-from .second_motions.motion_choice import choose, is_scene_hidden, of_background
+from .second_motions.motion_choice import choose, is_scene_hidden
 from .second_motions.overlays import overlays
 from .second_motions.repetition import smaller_of_alike
 from .seen import Seen
@@ -42,7 +42,7 @@ def follow(
         rough = find_rough_motion(step, state.aligners, state.tracks)
         if rough is None:
             return state, None
-    rough = smaller_of_alike(step, state, of_background(step, state, rough))
+    rough = smaller_of_alike(step, state, rough)
     twist = step.twist(state.velocity, rough.cam_from_previous)
     state = first_timed(setup.projection, state, step.first_twist(twist, rough.cam_from_previous))
     views = align(setup, state, images, rough, twist)

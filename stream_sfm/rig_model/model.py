@@ -11,7 +11,7 @@ from ..geometry import Array
 from ..geometry.stereo import StereoProjection, places_over_image
 from ..geometry.view_stages import RawViews
 from ..record import changed, record
-from .estimate import CERTAIN, Amplitudes, RigEstimate
+from .estimate import Amplitudes, RigEstimate
 from .field import NO_FIELD, WORTH_ESTIMATING, Field, field_over
 from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
@@ -180,23 +180,6 @@ class RigModel:
         """Return a root (m, 3) of the covariance of amplitudes by a rotation of the right camera, σ about each axis."""
         root = np.zeros((len(self), 3))
         root[: len(TERMS)] = np.linalg.solve(self.root, std_rad * terms_of_turn(self.projection))
-        return root
-
-    def focus_moves(self, mean: Array, cov: Array) -> bool:
-        """Whether the focal length certainly changes, by N(`mean`, `cov`) of the amplitudes."""
-        return bool(abs(mean[_FOCUSING]) > CERTAIN * np.sqrt(cov[_FOCUSING, _FOCUSING]))
-
-    def root_of_focusing(self, mean: Array, cov: Array, age_s: float, passed_s: float) -> Array:
-        """Return a root (m, 1) of the covariance of amplitudes by a focus that moves unsteadily, eq. (72g).
-
-        It is 0 unless the focal length certainly changes. The focal length at `age_s` does not change.
-        """
-        root, unit = np.zeros((len(self), 1)), np.diag(self.root)
-        if self.focus_moves(mean, cov):
-            root[_FOCUSING] = mean[_FOCUSING] * np.sqrt(
-                passed_s
-            )  # over 1 s: an autofocus moves for about that time
-            root[_FOCAL] = -age_s * root[_FOCUSING] * unit[_FOCUSING] / unit[_FOCAL]
         return root
 
     def as_refined(self, z_px: RawViews) -> RawViews:

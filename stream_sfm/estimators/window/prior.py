@@ -33,7 +33,6 @@ from ...record import changed, filled, record
 from .inertia.interval import JOINT, OF_LEAVING, Leaving
 from .layout import Layout, layout
 from .rig_state import NO_RIG, RigState
-from .window_frame import WindowFrame
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
 # micrometre and a microradian are far below the error of any estimate.
@@ -299,18 +298,6 @@ class Prior:
             return np.concatenate([of_rig @ apart, modes[..., :own], of_rig @ kept], axis=-1)
 
         return changed(self, modes=moved(self.modes), world_modes=moved(self.world_modes), rig=rig)
-
-    def refocused(self, frame: WindowFrame, next_ns: int) -> "Prior":
-        """Return the prior for a moving focus, whose speed may have varied until the next frame, eq. (72g)."""
-        if frame.rig is None:
-            return self
-        rig, passed_s = self.rig, (next_ns - frame.stamp_ns) / 1e9
-        root = frame.rig.root_of_focusing(rig.held, rig.cov_held, rig.age_s(frame.stamp_ns), passed_s)
-        if not root.any():
-            return self
-        if rig.steady:  # so far its motion was attributed to other errors, which become as unknown as at first
-            root = np.concatenate([root, np.diag(rig.size)], axis=1)
-        return self.with_rig_change(rig.changed(root))
 
     def truncate_modes(self) -> "Prior":
         """Return the same prior without negligible modes, eq. (36).

@@ -20,8 +20,6 @@ from ..tracks import Tracks
 class StartRules(Section, frozen=True, kw_only=True):
     """At the start of a map: which of two motions has its points behind the points of the other."""
 
-    # Fewer say nothing about a second motion.
-    unexplained: Annotated[float, expert("share of disagreeing tracks from which a motion is sought", 0, 1)] = 0.2
     # The share is smaller along the ground, which lies behind and in front of its neighbours.
     behind: Annotated[float, expert("share of neighbours that must be in front of points behind them", 0.5, 1)] = (
         0.95

@@ -23,38 +23,13 @@ from ...geometry.resection import (
     resect,
     residuals_of,
 )
-from ...pictures.rules import FlowRules
 from ...record import changed
-from ..rough_motion import RoughMotion, find_rough_motion
 from ..rules import MotionRules
 from ..seen import Seen
 from ..state import FrontEndState
 from ..step import Step
 from ..tracks import Tracks
 from .depth_order import StartRules, depth_order, is_behind, is_deeper
-
-
-def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
-    """Return the rough motion, or that of the tracks that do not agree with it if these lie behind the others.
-
-    Only at the start of a map: later, votes have history.
-    """
-    rules, tracks, rest = step.setup.rules, state.tracks, np.flatnonzero(~rough.agree)
-    if state.start.is_over or len(rest) < max(MANY_VIEWS, rules.of(StartRules).unexplained * len(tracks)):
-        return rough
-    other = find_rough_motion(changed(step, is_predicted=False), state.aligners, tracks.keep(rest))
-    if other is None:
-        return rough
-    left_px = step.setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
-    # far points fit both motions, within six σ of a position by flow
-    apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
-    others = tracks.keep(rough.agree & (apart_px > 6 * rules.of(FlowRules).std_px * tracks.scale))
-    if not is_behind(step.setup, tracks.keep(rest[other.agree]), others):
-        return rough
-    left_px[rest[other.agree]] = other.left_px[other.agree]
-    agree = np.zeros(len(tracks), bool)
-    agree[rest[other.agree]] = True
-    return RoughMotion(other.cam_from_previous, left_px, agree, other.share)
 
 
 def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Resection:
