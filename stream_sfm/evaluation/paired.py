@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..record import record
+from .settings import SETTINGS
 
 FIGURES = {"ate_rmse_aligned_m": "ATE aligned", "t_rel_percent": "t_rel", "r_rel_deg_per_100m": "r_rel"}
-_LEAST = 2  # logs that an interval needs
 
 
 @record
@@ -71,7 +71,7 @@ def mean_ratio(of_logs: Sequence[float], together: int) -> Ratio | None:
 
     `together`: the number of such intervals that all hold in 95 % of comparisons.
     """
-    if (logs := len(of_logs)) < _LEAST:
+    if (logs := len(of_logs)) < SETTINGS.fewest_logs:
         return None
     from scipy.special import stdtrit  # of the extra `study`; one run needs none
 

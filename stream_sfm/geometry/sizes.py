@@ -15,7 +15,7 @@ from .se3 import Array
 SIZES: Array = 4.0 ** np.arange(4.0)
 # Of a size before any frame, and of one that is drawn anew: a single frame may be far off.
 _DRAWN = np.array([0.9, 0.07, 0.02, 0.01])
-_DRAWN_ANEW = 0.05  # probability per frame: a rig shakes for about a second at a time
+DRAWN_ANEW = 0.05  # probability per frame: a rig shakes, and a lens focuses, for about a second at a time
 
 
 @record
@@ -27,7 +27,7 @@ class Sizes:
     @property
     def log_prior(self) -> Array:
         """The log probabilities (k,) in the next frame, before it is seen."""
-        return np.asarray(np.log((1 - _DRAWN_ANEW) * self.probabilities + _DRAWN_ANEW * _DRAWN))
+        return np.asarray(np.log((1 - DRAWN_ANEW) * self.probabilities + DRAWN_ANEW * _DRAWN))
 
     def after(self, log_likelihoods: Array) -> "Sizes":
         """Return the sizes after a frame with these log likelihoods (k,) of each size."""

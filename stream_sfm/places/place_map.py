@@ -36,8 +36,6 @@ from .map_file import load_map, save_map
 from .settings import SETTINGS
 from .verifying import Seen, Verifier
 
-MAX_KEYFRAMES = 1000  # some 60 MB
-
 
 class _Found(NamedTuple):
     """The result of a job: see PlaceMap."""
@@ -76,7 +74,7 @@ class PlaceMap:
         config: Config | None = None,
         *,
         wait: bool = False,
-        max_keyframes: int = MAX_KEYFRAMES,
+        max_keyframes: int = SETTINGS.max_keyframes,
         known: str | Path | None = None,
     ) -> None:
         if not isinstance(rig, StereoRig) or (config is not None and config.mono):
