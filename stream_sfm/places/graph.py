@@ -203,13 +203,13 @@ class PoseGraph:
         grown = np.where(later, turned, self._chain[to]) - np.where(later, self._chain[to], turned)
         return positive(grown), jacobian
 
-    def close(self, loops: Sequence[Loop], doubtful: bool) -> list[Loop]:
-        """Add loops and solve; `doubtful`: they may be false, so all are judged. Returns rejected loops."""
+    def close(self, loops: Sequence[Loop], uncertain: bool) -> list[Loop]:
+        """Add loops and solve; `uncertain`: they may be false, so all are judged. Returns rejected loops."""
         joins = [loop for loop in loops if self._join(loop)]
         self.loops += loops
         self._asked += loops
         refused: list[Loop] = []
-        if doubtful and (refused := self._false()):
+        if uncertain and (refused := self._false()):
             self.loops = [loop for loop in self.loops if loop not in refused]
         if joins or refused:
             self.solve()

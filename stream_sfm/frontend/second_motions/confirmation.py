@@ -16,12 +16,12 @@ from ..rules import MotionRules
 class Confirmation:
     """The `evidence` that the motion followed is the camera's, by tracks whose ids are not below `next_id`.
 
-    `refuted`: whether the latest ones have taken back all that spoke for it.
+    `contradicted`: whether the latest ones have taken back all that spoke for it.
     """
 
     evidence: Evidence
     next_id: int = 0
-    refuted: bool = False
+    contradicted: bool = False
     rules: MotionRules = MotionRules()
 
     @classmethod
@@ -44,4 +44,4 @@ class Confirmation:
         nats = ratio_of_share(agree, n, self.rules.new_favour)
         evidence = self.evidence.after(nats)
         next_id = max(self.next_id, int(ids[-1]) + 1 if len(ids) else 0)
-        return changed(self, evidence=evidence, next_id=next_id, refuted=nats < 0 and not evidence.change)
+        return changed(self, evidence=evidence, next_id=next_id, contradicted=nats < 0 and not evidence.change)

@@ -8,7 +8,7 @@ from dataclasses import field
 import numpy as np
 
 from ....geometry import Array
-from ....geometry.sizes import DRAWN_ANEW
+from ....geometry.sizes import REDRAWN
 from ....record import changed, record
 
 _STD_MEAN = 0.02  # of calm frames, before any: KITTI and Karlsruhe have 0.02 and 0.04
@@ -86,7 +86,7 @@ class Change:
         at = self.at + gain * (shown - self.at)
         mean = float(weights @ at)
         spread = float(weights @ ((1 - gain) * prior + (at - mean) ** 2))
-        return changed(self, at=mean, var=spread, steps=(1 - DRAWN_ANEW) * weights + DRAWN_ANEW * _even(_STEPS))
+        return changed(self, at=mean, var=spread, steps=(1 - REDRAWN) * weights + REDRAWN * _even(_STEPS))
 
 
 def log_normal(apart: Array, var: Array) -> Array:
