@@ -28,7 +28,7 @@ def overlays(setup: Setup, tracks: Tracks, left_px: Array) -> NDArray[np.bool_]:
     """Return which tracks (n), which are at `left_px` (n, 2) now, are on such a picture, while most others move."""
     none = np.zeros(len(tracks), bool)
     moves = np.linalg.norm(left_px - tracks.left_px, axis=1) > setup.rules.images.overlay_px
-    if MANY_VIEWS > min(np.count_nonzero(moves), np.count_nonzero(~moves)):
+    if min(np.count_nonzero(moves), np.count_nonzero(~moves)) < MANY_VIEWS:
         return none
     laid_over = are_laid_over(setup, tracks.points)
     on_picture, others = laid_over & ~moves, ~laid_over
