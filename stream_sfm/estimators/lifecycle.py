@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config.robust_rules import RobustRules
 from ..geometry import Array
 from ..geometry.resection import Resection
+from ..geometry.robust_rules import RobustRules
 from ..geometry.stereo import StereoProjection
 from ..record import columns_at
 from ..types import Observations, Solution, Status

@@ -10,6 +10,8 @@ from .alignment import learn_noise
 from .learnt.pair_check import Found
 from .learnt.sharpness import lost_or_gained
 from .mono.parallax import update_by_parallax
+from .rules import ErrorRules, MotionRules
+from .second_motions.depth_order import StartRules
 from .second_motions.motion_choice import contradict_far, may_be_scene
 from .second_motions.start_check import StartCheck
 from .second_motions.unsteadiness import Unsteadiness
@@ -87,7 +89,7 @@ def _placed(
     cam_from_start: Array,
 ) -> Tracks:
     """Return the tracks (n) in the new camera, on the rays of their views (n, 4) with covariances (n, 4, 4)."""
-    projection, forgetting = step.setup.projection, step.setup.rules.motion.forgetting
+    projection, forgetting = step.setup.projection, step.setup.rules.of(MotionRules).forgetting
     if projection.virtual_right:
         return update_by_parallax(
             projection, tracks.moved(cam_from_previous), z_px, cov_px, cam_from_start, forgetting
@@ -99,8 +101,8 @@ def _blurred_px(step: Step, seen: Seen, motion: Resection) -> Array:
     """Return σ (n,) px of the slides of the tracks because all patches have become sharper or more blurred."""
     by_motion = float(np.linalg.norm(motion.cam_from_ref[:3, 3]) * np.median(seen.views.points[:, 3]))
     changes = lost_or_gained(seen.before.contrast, seen.views.contrast, by_motion)
-    config = step.setup.config
-    return config.rules.errors.slide_blurred * config.frontend.window_radius_px * seen.before.scale * changes
+    share, config = step.setup.rules.of(ErrorRules).slide_blurred, step.setup.config
+    return share * config.frontend.window_radius_px * seen.before.scale * changes
 
 
 def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, in_question: bool) -> StartCheck:
@@ -112,7 +114,7 @@ def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, in_q
     counts = motion.accepted
     if motion.second is None or not motion.second.in_front:
         others = may_be_scene(step.setup.rules, seen.before, motion.accepted, start.fills_view)
-        counts = counts | (others & ~contradict_far(step.setup.rules.start, seen, motion, others))
+        counts = counts | (others & ~contradict_far(step.setup.rules.of(StartRules), seen, motion, others))
     return start.after(seen.before.ids[counts], motion.accepted[counts])
 
 
@@ -122,7 +124,7 @@ def _unsteadiness(step: Step, state: FrontEndState, cam_from_previous: Array) ->
     if step.dt_s <= 0 or not state.velocity.any():
         return before
     if before is None:
-        rules = step.setup.rules.motion
+        rules = step.setup.rules.of(MotionRules)
         assumed = (step.setup.std_acceleration[[0, 3]] * step.dt_s**2) ** 2
         before = Unsteadiness(assumed, rules.assumed_frames, rules)
     expected = se3.exp(state.velocity * step.dt_s)

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config.rules import MotionRules
 from ..geometry import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection, velocities
 from ..record import changed, columns_at, record
+from .rules import MotionRules
 
 
 @record

@@ -24,6 +24,7 @@ from ..camera.unseen_errors import PhysicalAxes
 from ..config import Config
 from ..errors import ConfigError
 from ..geometry import Array, se3
+from ..geometry.robust_rules import RobustRules
 from ..motion import UNSEEN, Motion
 from ..system.blas import one_thread
 from ..types import Frame, FrameEstimate, Trajectory
@@ -87,7 +88,7 @@ class PlaceMap:
         config = config or Config()
         self._rectifier = Rectifier(masked_by(config, rig))
         self._rect_from_cam = se3.from_rotation_translation(self._rectifier.rect_from_cam, np.zeros(3))
-        self._gate = float(chdtri(6, 1 - config.rules.robust.gate_probability))  # χ² of equal motions
+        self._gate = float(chdtri(6, 1 - config.rules.of(RobustRules).gate_probability))  # χ² of equal motions
         errors, rect_from_cam = config.rig, self._rectifier.rect_from_cam
         self._axes = self._axes_with_unseen = PhysicalAxes(rect_from_cam)
         if not errors.exact:

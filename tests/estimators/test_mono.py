@@ -7,10 +7,9 @@ import pytest
 
 from stream_sfm.camera.rectification import VIRTUAL_BASELINE
 from stream_sfm.config import Config
-from stream_sfm.config.rules import MonoRules
 from stream_sfm.estimators.window.mono import CrossFrameMono
 from stream_sfm.frontend.mono.front_end import with_virtual_right
-from stream_sfm.frontend.mono.two_view import two_view_motion
+from stream_sfm.frontend.mono.two_view import MonoRules, two_view_motion
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import MOTIONS, Scene, Sequence
 from stream_sfm.types import MapStart, Observations, Solution, Status

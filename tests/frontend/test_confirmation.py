@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.config.rules import MotionRules
+from stream_sfm.frontend.rules import MotionRules
 from stream_sfm.frontend.second_motions.confirmation import Confirmation
 
 RULES = MotionRules()

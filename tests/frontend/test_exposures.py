@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.config.point_rules import TemplateRules
+from stream_sfm.frontend.templates import TemplateRules
 from tests.helpers.front_end import SteppedFrontEnd
 from tests.helpers.wall import Wall, camera_path, rig
 

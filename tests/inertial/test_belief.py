@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.config.inertia_rules import InertiaRules
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.window.inertia.belief import Belief, Innovation, Steadiness
 from stream_sfm.estimators.window.inertia.inertia import Inertia
 from stream_sfm.estimators.window.inertia.interval import JOINT, Known
+from stream_sfm.estimators.window.inertia.rules import InertiaRules
 from stream_sfm.estimators.window.inertia.trial import beside, corrected
 from stream_sfm.inertial.state import GRAVITY, STATE
 from stream_sfm.methods import REFERENCE

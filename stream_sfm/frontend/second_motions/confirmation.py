@@ -7,9 +7,9 @@ missing, on the scene as well as on the body, and those on the scene disagree.
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config.rules import MotionRules
 from ...geometry.evidence import Evidence, ratio_of_share
 from ...record import changed, record
+from ..rules import MotionRules
 
 # The mean share is 0.93, as in calm scenes, and 0.81 says nothing: in crowds 0.68 to 0.77 of the new points agree with
 # a right or a wrong motion.

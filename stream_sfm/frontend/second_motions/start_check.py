@@ -13,9 +13,9 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config.rules import MotionRules
 from ...geometry.resection import MANY_VIEWS
 from ...record import changed, record
+from ..rules import MotionRules
 from .confirmation import Confirmation
 
 

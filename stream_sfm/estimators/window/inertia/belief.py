@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....config.inertia_rules import InertiaRules
 from ....geometry import Array, se3
 from ....geometry.linear import mahalanobis2
 from ....inertial.state import GRAVITY
 from ....record import changed, record
 from ....types import ExpectedMotion
 from .interval import Known
+from .rules import InertiaRules
 
 _DEGREES = 180 / np.pi
 _PARTS = slice(3, 6), slice(0, 3)  # of a motion: rotation, by the gyroscope, and translation, by the accelerometer

@@ -28,6 +28,7 @@ from .belief import Belief, Innovation, Steadiness
 from .checks import Densities, Jitter, impossible, inertial_estimate, with_odds
 from .inertial_window import InertialWindow
 from .interval import JOINT, Interval, Known, Transition, transition
+from .rules import InertiaRules
 from .trial import beside, corrected
 
 _BY_IMAGES = "poses are by images alone until samples agree with them for a while"
@@ -42,7 +43,7 @@ class Inertia:
     """The inertial knowledge of an estimator between frames; `now`: at the latest estimate, None before the first."""
 
     def __init__(self, config: Config) -> None:
-        self._config, self._rig, self._rules = config.imu, config.rig, config.rules.inertia
+        self._config, self._rig, self._rules = config.imu, config.rig, config.rules.of(InertiaRules)
         scale = _LEAST_STD_SCALE if config.rig.exact else max(config.rig.std_baseline, _LEAST_STD_SCALE)
         self._std_fixed = np.r_[scale, np.full(3, self._config.std_axes_rad), self._config.std_time_offset_s]
         self._calibration: ImuCalibration | None = None

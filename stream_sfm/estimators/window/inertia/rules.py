@@ -1,8 +1,8 @@
-"""Thresholds for the weight of inertial samples in the window, each with its reason and its bounds."""
+"""The rules for inertial samples in the window: their priors, and when they are believed."""
 
 from typing import Annotated
 
-from .section import Section, expert
+from ....config.section import Section, expert
 
 
 class InertiaRules(Section, frozen=True, kw_only=True):
