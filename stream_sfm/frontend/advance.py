@@ -8,8 +8,9 @@ from ..geometry.view_stages import RawViews
 from ..record import changed, record, rows_of
 from .alignment import learn_noise
 from .learnt.pair_check import Found
+from .learnt.sharpness import lost_or_gained
 from .mono.parallax import update_by_parallax
-from .rules import MotionRules
+from .rules import ErrorRules, MotionRules
 from .second_motions.depth_order import StartRules
 from .second_motions.motion_choice import contradict_far, may_be_scene
 from .second_motions.start_check import StartCheck
@@ -26,7 +27,7 @@ class Followed:
 
     The motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances `cov_px` (n, 4, 4) of the surviving
     tracks, in the order of their table. `found`: all tracks that were found; `second`: an alternative motion that may
-    be the right one; `settled`: as in `Observations`.
+    be the right one; `settled`: as in `Observations`. `blurred_px` (n,): σ of the slide by a change of sharpness.
     """
 
     cam_from_previous: Array
@@ -35,6 +36,7 @@ class Followed:
     found: Found | None = None
     second: SecondMotion | None = None
     settled: bool = False
+    blurred_px: Array | float = 0.0
 
 
 def learn(state: FrontEndState, seen: Seen, motion: Resection, twist: Array) -> FrontEndState:
@@ -58,7 +60,8 @@ def advance(
     z_px, cov_px = rows_of(seen.views.z_px, rows), motion.spread * rows_of(seen.views.cov_px, rows)
     seen_px = seen.views.raw_px(rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
-    now = changed(now, left_px=seen_px[:, :2].copy(), exposures=rows_of(seen.views.exposures, rows))
+    grey = rows_of(seen.views.exposures, rows), seen.views.contrast[rows]
+    now = changed(now, left_px=seen_px[:, :2].copy(), exposures=grey[0], contrast=grey[1])
     ambiguity, second, settled = state.ambiguity.after(motion, seen.before, alike)
     ambiguous = second is not None or ambiguity.lasts  # this motion, or which set of tracks is static
     state = changed(
@@ -72,7 +75,8 @@ def advance(
     )
     has_samples = step.by_inertia is not None and step.by_inertia.agreed
     found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, has_samples)
-    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, second, settled)
+    blurred_px = _blurred_px(step, seen, motion)[rows]
+    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, second, settled, blurred_px)
 
 
 def _placed(
@@ -91,6 +95,14 @@ def _placed(
             projection, tracks.moved(cam_from_previous), z_px, cov_px, cam_from_start, forgetting
         )
     return tracks.updated(projection, cam_from_previous, z_px, state.with_turn(z_px, cov_px), forgetting)
+
+
+def _blurred_px(step: Step, seen: Seen, motion: Resection) -> Array:
+    """Return σ (n,) px of the slides of the tracks because all patches have become sharper or more blurred."""
+    by_motion = float(np.linalg.norm(motion.cam_from_ref[:3, 3]) * np.median(seen.views.points[:, 3]))
+    changes = lost_or_gained(seen.before.contrast, seen.views.contrast, by_motion)
+    share, config = step.setup.rules.of(ErrorRules).slide_blurred, step.setup.config
+    return share * config.frontend.window_radius_px * seen.before.scale * changes
 
 
 def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, ambiguous: bool) -> StartCheck:

@@ -151,7 +151,8 @@ class StereoFrontEnd:
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of a frame that was followed, with the points that begin in it."""
-        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.slide_px)
+        motion, blurred_px = followed.cam_from_previous, followed.blurred_px
+        drift_px = state.tracks.drift_px(motion, self.setup.slide_px, blurred_px)
         z_new, cov_new = RawViews(np.empty((0, 4))), np.empty((0, 4, 4))
         if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
             state, z_new, cov_new = begin_points(self.setup, state, images)

@@ -151,6 +151,7 @@ def begin_tracks(
         anchor_velocity_px_s=np.zeros((n, 2)),
         slopes=slopes,
         exposures=np.tile(JUST_CUT, (n, 1)),
+        contrast=np.full(n, np.nan),
         scale=np.full(n, scale, np.int64),
         agreed=np.zeros(n, np.int64),
     )

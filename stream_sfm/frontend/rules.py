@@ -95,6 +95,9 @@ class ErrorRules(Section, frozen=True, kw_only=True):
     # This is s of eq. (17). With exact poses and depths, `python -m tools.track_errors` gives a tenth to two
     # tenths, both along the line of sight and across it.
     slide: Annotated[float, expert("share of a patch's change by which its position slides", 0, 10)] = 0.1
+    # s_b of eq. (17c). The largest NEES of poses (6 degrees of freedom) on logs blurred by up to 6 px is 21 with it and
+    # 61 without; with a tenth it is 64.
+    slide_blurred: Annotated[float, expert("share of a change of sharpness by which a patch slides", 0, 10)] = 0.2
     # Without it, over 6 m of a rendered corridor, the pitch error is 0.4 mrad, three times its σ; in a rendered
     # office of 256 px the NEES of poses is 22 instead of 11.
     alike: Annotated[float, expert("share of the slide that all patches of a frame have in common", 0, 1)] = 0.75

@@ -6,6 +6,7 @@ import numpy as np
 from ..geometry.medians import median
 from .prepared import Image, PreparedImages
 from .rules import ImageRules
+from .torn import torn
 
 
 def are_alike(images: PreparedImages, previous: PreparedImages, rules: ImageRules) -> bool:
@@ -41,7 +42,7 @@ def image_note(
         for name, image in (("left", images.left), ("right", images.right)):
             if problem := _without_contrast(image, rules.black_grey):
                 return f"the {name} image is {problem}"
-    if problem := frozen(images, previous):
+    if problem := frozen(images, previous) or torn(images, previous, rules.slope_grey):
         return problem
     if n_in_both >= enough:
         return ""

@@ -125,7 +125,7 @@ class MonoFrontEnd:
         z_new, cov_new = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_new)
         new = tracks.ids >= state.map.first_unseen_id
         state = replace(state, map=replace(state.map, rho_scene=rho_scene, first_unseen_id=state.next_id))
-        drift_px = tracks.drift_px(followed.cam_from_previous, self.setup.slide_px)
+        drift_px = tracks.drift_px(followed.cam_from_previous, self.setup.slide_px, followed.blurred_px)
         std_turn_rad = turn_of_slides(drift_px, p.f_px, self.setup.rules.of(ErrorRules).alike)
         z_all, cov_all = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_known)
         return state, replace(

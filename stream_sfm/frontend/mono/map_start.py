@@ -66,7 +66,7 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
     views = align(setup, state, images, by_flow, np.zeros(6))
     tracks, left_px, cov_px = state.tracks.keep(views.rows), views.z_px[:, :2], views.cov_px
     tracks = tracks.placed(p.rays(left_px), left_px, cov_px[:, :2, :2], tracks.points[:, 3], tracks.var_rho)
-    return changed(state, tracks=changed(tracks, exposures=views.exposures)), cov_px
+    return changed(state, tracks=changed(tracks, exposures=views.exposures, contrast=views.contrast)), cov_px
 
 
 def _begin(state: FrontEndState, found: TwoView, cov_px: Array) -> tuple[FrontEndState, Followed]:
