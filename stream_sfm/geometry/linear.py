@@ -14,9 +14,6 @@ from .se3 import Array
 # covariance has a root and an inverse. A micrometre and a microradian are far below the error of any estimate.
 LEAST_VARIANCE = 1e-12
 _PANEL = 48  # columns; measured: the fewest that a product is fast with
-# If rounding has cost definiteness, the diagonal of 1 is increased by a thousand times the rounding of a double, or by
-# more, up to a change of 10⁻⁵ σ², which no reported figure shows.
-_REPAIRS = np.array([0.0, 1e-13, 1e-11, 1e-9, 1e-7, 1e-5])
 
 
 def symmetric(a: Array) -> Array:
@@ -78,7 +75,7 @@ class Cholesky:
     """
 
     def __init__(self, matrix: Array, repair: bool = True) -> None:
-        self.root = core.inverse_root(matrix, _REPAIRS if repair else _REPAIRS[:1])
+        self.root = core.inverse_root(matrix, repair)
 
     def solve(self, right: Array) -> Array:
         """Return A⁻¹ b for b (n,) or (n, k)."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..record import changed, record
 from .se3 import Array
 
@@ -88,10 +89,9 @@ def weigh(mean: Array, cov: Array, lengths: Sequence[int]) -> Weighed:
     weighted = shown @ mean
     shown -= np.eye(len(mean))
     k = len(mean) - 1
-    damped = np.eye(k) + factors[:, :, None] * shown[:k, :k] * factors[:, None, :]
-    scaled = factors[:, :, None] * np.column_stack([weighted[:k], shown[:k, k]])
-    solved = np.linalg.solve(damped, scaled)
-    by_size = np.swapaxes(scaled, 1, 2) @ solved  # (g, 2, 2)
-    log = 0.5 * by_size[:, 0, 0] - 0.5 * np.linalg.slogdet(damped)[1]
+    right = np.column_stack([weighted[:k], shown[:k, k]])
+    log_det, solved = core.solved_by_size(np.ascontiguousarray(shown[:k, :k]), right, factors)
+    by_size = right.T @ solved  # (g, 2, 2)
+    log = 0.5 * by_size[:, 0, 0] - 0.5 * log_det
     information = np.maximum(shown[k, k] - by_size[:, 1, 1], 1e-9)
     return Weighed(rows, log, information, weighted[k] - by_size[:, 1, 0])

@@ -96,6 +96,10 @@ CALLS = {
         *(INTERVALS, np.tile(np.eye(4), (2, 1, 1)), np.zeros((12, 6)), np.zeros((2, 3))),
         *(np.ones(17), np.eye(4)),
     ),
+    "inertial_information": (
+        *(INTERVALS, np.tile(np.eye(4), (2, 1, 1)), np.zeros((2, 3)), np.ones(2), np.zeros((2, 3))),
+        *(np.ones(17), np.eye(4)),
+    ),
     "inertial_motion": (ONE_INTERVAL, np.ones(17), np.eye(4), np.ones(6)),
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40, POINT_RULES),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
@@ -174,7 +178,8 @@ CALLS = {
     "rotation_vectors": (COV[:, :3, :3],),
     "quaternions": (COV[:, :3, :3],),
     "orthonormalise": (MOTIONS,),
-    "inverse_root": (np.eye(6), np.zeros(1)),
+    "inverse_root": (np.eye(6), True),
+    "solved_by_size": (np.eye(3), np.ones((3, 2)), np.ones((4, 3))),
     "reflections": (POINTS[:, :3],),
     "minor_directions": (np.eye(6), 0.5),
     "point_marginals": (
