@@ -10,8 +10,7 @@ from .alignment import learn_noise
 from .learnt.pair_check import Found
 from .mono.parallax import update_by_parallax
 from .rules import MotionRules
-from .second_motions.depth_order import StartRules
-from .second_motions.motion_choice import contradict_far, may_be_scene
+from .second_motions.motion_choice import may_be_scene
 from .second_motions.start_check import StartCheck
 from .second_motions.unsteadiness import Unsteadiness
 from .seen import Seen
@@ -101,8 +100,7 @@ def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, in_q
     start = start.begun_with(float(motion.accepted.mean()))
     counts = motion.accepted
     if motion.second is None or not motion.second.in_front:
-        others = may_be_scene(step.setup.rules, seen.before, motion.accepted, start.fills_view)
-        counts = counts | (others & ~contradict_far(step.setup.rules.of(StartRules), seen, motion, others))
+        counts = counts | may_be_scene(step.setup.rules, seen.before, motion.accepted, start.fills_view)
     return start.after(seen.before.ids[counts], motion.accepted[counts])
 
 

@@ -8,7 +8,6 @@ is one motion, two, or none if a body hides the scene.
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import core
 from ...config.rules import Rules
 from ...geometry import Array, se3
 from ...geometry.medians import median
@@ -259,31 +258,3 @@ def may_be_scene(rules: Rules, tracks: Tracks, accepted: NDArray[np.bool_], fill
         if np.count_nonzero(as_far) >= rules.of(MotionRules).calm_start * len(followed):
             return np.zeros(len(tracks), bool)
     return rest & (depth_order(tracks, followed, rules.of(StartRules)) >= 0)
-
-
-def contradict_far(
-    rules: StartRules, seen: Seen, motion: Resection, others: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """Return which of `others` (n,), which may belong to the scene, contradict the agreeing points behind them.
-
-    If the motion were that of a body in front of the scene, agreeing points farther away than these others would belong
-    to the scene. So the others are tested against the motion of these far points, with its covariance.
-    """
-    views, rho, none = seen.point_views, seen.before.points[:, 3], np.zeros(len(others), bool)
-    if not others.any():
-        return none
-    far = motion.accepted & (rules.deeper * rho < median(rho[others]))
-    if np.count_nonzero(far) < MANY_VIEWS:
-        return none
-    by_far = refine(views.select(far), seen.weights[far], motion.cam_from_ref, motion.amplitudes)
-    if not by_far.ok:
-        return none
-    rows = views.select(others)
-    root, jacobian = rows.linearise(by_far.cam_from_ref)
-    residuals = core.view_residuals(rows, root, by_far.amplitudes, by_far.cam_from_ref[None])[0][0]
-    cov = np.zeros((jacobian.shape[2],) * 2)
-    cov[:6, :6], cov[6:, 6:] = by_far.cov_pose, by_far.cov_amplitudes
-    cov_residuals = np.eye(4) + jacobian @ cov @ np.swapaxes(jacobian, 1, 2)
-    squared = np.einsum("ni,ni->n", residuals, np.linalg.solve(cov_residuals, residuals[:, :, None])[:, :, 0])
-    none[others] = squared > rows.clear_gate
-    return none
