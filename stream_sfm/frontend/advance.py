@@ -58,20 +58,20 @@ def advance(
     seen_px = seen.views.raw_px(rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
     now = changed(now, left_px=seen_px[:, :2].copy(), exposures=rows_of(seen.views.exposures, rows))
-    ambiguity, other, settled = state.ambiguity.after(motion, seen.before, alike)
-    in_question = other is not None or ambiguity.lasts  # this motion, or which set of tracks is static
+    ambiguity, second, settled = state.ambiguity.after(motion, seen.before, alike)
+    ambiguous = second is not None or ambiguity.lasts  # this motion, or which set of tracks is static
     state = changed(
         state,
         unsteadiness=_unsteadiness(step, state, motion.cam_from_ref),
-        tracks=now.judged(motion.accepted[kept], ambiguous=in_question),
+        tracks=now.judged(motion.accepted[kept], ambiguous=ambiguous),
         cam_from_start=cam_from_start,
         velocity=se3.log(motion.cam_from_ref) / step.dt_s if step.dt_s > 0 else np.zeros(6),
         ambiguity=ambiguity,
-        start=_start(step, state, seen, motion, in_question),
+        start=_start(step, state, seen, motion, ambiguous),
     )
     has_samples = step.by_inertia is not None and step.by_inertia.agreed
     found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, has_samples)
-    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, other, settled)
+    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, second, settled)
 
 
 def _placed(
@@ -92,10 +92,10 @@ def _placed(
     return tracks.updated(projection, cam_from_previous, z_px, state.with_turn(z_px, cov_px), forgetting)
 
 
-def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, in_question: bool) -> StartCheck:
-    """Return the check of the start after a frame; if two motions are `in_question`, that is reported already."""
+def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, ambiguous: bool) -> StartCheck:
+    """Return the check of the start after a frame; an `ambiguous` motion is reported already."""
     start = state.start.settled() if step.is_carried(motion) else state.start
-    if in_question or start.is_over:
+    if ambiguous or start.is_over:
         return start
     start = start.begun_with(float(motion.accepted.mean()))
     counts = motion.accepted

@@ -102,7 +102,7 @@ class StereoFrontEnd:
             expected = None  # it starts at a frame other than the one that is followed from
         state, change = self._take_out_turn(state)
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
-        unconfirmed = bool(before.start.problem) and state.start.is_over and state.start.doubted
+        unconfirmed = bool(before.start.problem) and state.start.is_over and state.start.contradicted
         state, restarts = self._check(before, state, images, followed)
         if followed is None or restarts:
             state, observed = self._start_over(state, images, stamp_ns, wait=not restarts)
@@ -268,12 +268,12 @@ def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Arr
     return changed(state.followed_from(images, stamp_ns), pictures=pictures)
 
 
-def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
+def _ambiguity(second: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
     """Return why a frame's motion may not be the camera's: another one may be, or left and right are inconsistent."""
     misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
-    if other is not None:
+    if second is not None:
         repeats = state.ambiguity.repeats
-        return Ambiguity(other.cam_from_ref, other.cov_pose, misfit, other.lasted, of_start, repeats)
+        return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, second.lasted, of_start, repeats)
     return Ambiguity(misfit=True, of_start=of_start) if misfit else None
 
 

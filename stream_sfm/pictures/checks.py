@@ -47,7 +47,7 @@ def checks(rules: Rules) -> tuple[Check, ...]:
 
 @record
 class Suspicion:
-    """What a check has found: its evidence, the number of frames that said something, and how many it leaves out."""
+    """What a check has found: its evidence, the number of informative frames, and how many it leaves out."""
 
     check: Check
     evidence: Evidence

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from ..geometry.medians import median
 from .prepared import Image, PreparedImages
 from .rules import ImageRules
 
@@ -89,5 +90,5 @@ def _but_for_brightness(image: Image, other: Image) -> bool:
     apart = image[shows].astype(np.int16) - other[shows]
     if 2 * apart.size < image.size:
         return False
-    constant = int(np.median(apart))
+    constant = int(median(apart.astype(float)))
     return abs(constant) >= 2 and float((np.abs(apart - constant) <= 1).mean()) > 0.98

@@ -8,6 +8,7 @@ from ..camera.over_image import ExposedRows, FocalEffect
 from ..camera.refinement import KnownTiming, Refinement
 from ..config import RigConfig
 from ..geometry import Array
+from ..geometry.linear import LEAST_VARIANCE
 from ..geometry.stereo import StereoProjection, places_over_image
 from ..geometry.view_stages import RawViews
 from ..record import changed, record
@@ -16,7 +17,6 @@ from .field import NO_FIELD, WORTH_ESTIMATING, Field, field_over
 from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
 _FOCAL, _FOCUSING = TERMS.index(FOCAL), TERMS.index(FOCUSING)
-LEAST_VARIANCE = 1e-12  # of an amplitude, so that a known one has a root too
 _LEAST_COV = LEAST_VARIANCE * np.eye(2)
 # The coordinates of a view (u_left, v_left, u_right, v_right) that the three parts of the field shift: the disparity,
 # and u and v of both sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with

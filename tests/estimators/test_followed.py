@@ -137,7 +137,7 @@ def test_reported_poses_move_by_the_newest_motions():
     assert apart_from_newest_motions(ReportedRules()) < of_filter / 2
 
 
-def test_a_doubtful_motion_is_not_followed():
+def test_an_unreliable_motion_is_not_followed():
     """The reported pose is then that of the filter, within half of σ of the followed one."""
     sequence = SCENE.sequence(np.random.SeedSequence([8, 2]))
     estimator = make_estimator("cross-frame", sequence.projection, Config(window=WindowConfig(frames=4)))

@@ -44,6 +44,8 @@ class PairRules(Section, frozen=True, kw_only=True):
     # One frame with a problem has this evidence. New points that fit end it within a second for most cameras.
     bound_nats: Annotated[float, expert("evidence that begins or ends a problem, nats", 0.1, 1e6)] = 7.0
     memory_frames: Annotated[float, expert("frames over which new points show that images fit", 1, 1e6)] = 30.0
+    # Twice as many agree where the images fit: half of the points say nothing, as near objects hide some.
+    new_favour: Annotated[float, expert("a of eq. (7c) for new points and images that fit", 1.01, 1e4)] = 2.0
     good_share: Annotated[float, expert("share of all points that agree in a good frame", 0, 1)] = 0.6
     # With real calibrations, rows differ by up to 1.9 px in a corner.
     max_rows_px: Annotated[float, expert("largest row difference of left and right, px", 0.1, 1e8)] = 2.5
@@ -54,9 +56,6 @@ class PairRules(Section, frozen=True, kw_only=True):
     # Principal points of real cameras are within 0.1 of the middle. In a calibration for half the resolution they
     # lie at a quarter of the size, for twice the resolution in the corner. In a cropped image they can be anywhere.
     same_place: Annotated[float, expert("share of the size by which a principal point may differ", 0, 0.5)] = 0.03
-
-
-_SOUND = 2.0  # twice as many where the images fit: half of the points say nothing, as near objects hide some
 
 
 def _none() -> NDArray[np.int64]:
@@ -107,7 +106,7 @@ class PairFit:
             root, _ = views.linearise(motion.cam_from_ref)
             left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
         missing = before.ids[inside & ~has_right]
-        counts = inside & ~core.among(before.ids, np.intersect1d(missing, missed))
+        counts = inside & (has_right | ~core.among(before.ids, missed))  # not those that are missing again
         return cls(before.ids[counts], left[counts], both[counts], found.has_samples, missing)
 
 
@@ -146,7 +145,7 @@ class PairCheck:
         if not was_there or self._old_fit(fit):
             return PairCheck.of(self.rules, fit.missing), False
         agree, n = int(np.count_nonzero(fit.both)), len(fit.both)
-        evidence = self.evidence.after(-ratio_of_share(agree, n, _SOUND))
+        evidence = self.evidence.after(-ratio_of_share(agree, n, self.rules.new_favour))
         if evidence.is_there:
             return changed(self, evidence=evidence), False
         return PairCheck.of(self.rules), True

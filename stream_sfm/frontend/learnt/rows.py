@@ -42,6 +42,8 @@ class RowRules(Section, frozen=True, kw_only=True):
     # All matches use the same extrapolated velocities. The error is 11 and 18 % on two rendered logs with a late
     # camera.
     speed_error: Annotated[float, expert("relative error of a delay", 0, 10)] = 0.2
+    # This is well below the errors that matter.
+    known_px: Annotated[float, expert("σ below which a row difference is known, px", 1e-3, 100)] = 0.1
     # A shaken camera turns so fast, and within some frames the other way.
     std_turning_rad_s: Annotated[float, expert("σ of an unknown turn rate of the camera, rad/s", 0, 100)] = 1.0
 
@@ -50,7 +52,6 @@ _POLYNOMIAL = 6  # coefficients
 # Candidates for σ of the field, px, from the noise of a good match to more than any real rig has. In addition σ = 0 is
 # considered, as probable as all of them together.
 _FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
-_KNOWN_PX = 0.1  # σ below which a row difference is known: well below the errors that matter
 
 
 @record
@@ -121,7 +122,7 @@ class Rows:
     def rms_px(self) -> float:
         """v_left − v_right at rest, root mean square over the places where it is known; NaN without any."""
         difference_px, std_px = self.over_image(9, 9)
-        known = std_px < _KNOWN_PX
+        known = std_px < self.rules.known_px
         return float(np.sqrt((difference_px[known] ** 2).mean())) if known.any() else float("nan")
 
     def after(self, z_px: Array, twist: Array) -> "Rows":
