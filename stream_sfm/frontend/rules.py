@@ -26,7 +26,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
     # With 1, 41 frames of KITTI 06 are degraded.
     slides_most: Annotated[float, expert("multiple of the template drift that a track survives", 0, 100)] = 2.0
     # Because of noise, not all of them agree even with the right motion.
-    as_many: Annotated[float, expert("share of old tracks that must agree with the steadier motion", 0, 1)] = 0.9
+    as_many: Annotated[float, expert("share of a motion's views that one in its place must explain", 0, 1)] = 0.9
     # This is long enough to average, and short enough to follow a camera that is put on a vehicle.
     unsteady_frames: Annotated[int, expert("frames over which changes of the motion are averaged", 1, 10_000)] = 30
     # A few frames say more than the assumptions about any camera.
