@@ -58,14 +58,12 @@ def numbers(c: Comparison) -> dict[str, Any]:
         "conclusion": in_words(of_spans, methods),
         "frames": len(c.front),
         "frames_with_ground_truth": max(known),
-        "frames_in_doubt": [],  # no longer judged; kept for programs that read it
         "frames_ignored": [list(r) for r in c.truth.ignored],
         "gaps_before_frames": c.front.gaps,
         "methods": methods,
         "drift": of_spans,
         "ekf_over_cross_frame": ratios.get("ekf"),
         "error_over_cross_frame": ratios,
-        "there_and_back": None,  # no longer computed; kept for programs that read it
         "self_test": c.self_test,
         "rig": c.calibration,
         "divergence_from_cross_frame_m": away,
@@ -96,7 +94,6 @@ def _of_run(run: RunRecord) -> dict[str, Any]:
         "statuses": dict(Counter(map(str, run.statuses))),
         "end_std_position_m": end.get("std_position_m"),
         "end_std_heading_deg": end.get("std_heading_deg"),
-        "there_and_back": None,
     }
 
 
