@@ -48,9 +48,7 @@ class GhostRules(Section, frozen=True, kw_only=True):
     share: Annotated[float, expert("least share of the previous image that counts as showing through", 0, 1)] = 0.04
     # In 330 frames of sound logs, real and rendered, none then has more than 3 nats. With noise reduction of 0.2
     # to 0.5, two moving frames have 12.
-    std_share: Annotated[
-        float, expert("σ of the share of the previous image from frame to frame in sound images", 1e-6, 1)
-    ] = 0.02
+    std_share: Annotated[float, expert("σ of the previous image's share in sound images", 1e-6, 1)] = 0.02
     # On a road, 0.59 of the frames are so.
     steady: Annotated[float, expert("share of frames whose steady motion hides a ghost", 1e-3, 0.999)] = 0.6
 
