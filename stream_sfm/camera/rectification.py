@@ -94,11 +94,18 @@ class Rectifier:
 
         A picture that is burnt into both images is at the same pixels there, wherever the cameras look.
         """
-        raw = []
-        for (camera, rotation, k_rectified), px in zip(self._sides, (z_px[:, :2], z_px[:, 2:]), strict=True):
-            rays = np.column_stack([px, np.ones(len(px))]) @ np.linalg.inv(k_rectified).T @ rotation
-            raw.append(project_into_image(camera, rays))
-        return np.asarray(raw[1] - raw[0])
+        left, right = (self._rays(side, z_px[:, 2 * side : 2 * side + 2]) for side in (0, 1))
+        return project_into_image(self._sides[1][0], right) - project_into_image(self._sides[0][0], left)
+
+    def _rays(self, side: int, px: Array) -> Array:
+        """Return the rays (n, 3) of the recorded camera of a side at places (n, 2) px in its rectified image."""
+        by_u, by_v, at_origin = self._rays_by_pixel[side]
+        return np.asarray(px[:, :1] * by_u + px[:, 1:] * by_v + at_origin)
+
+    @cached_property
+    def _rays_by_pixel(self) -> list[Array]:
+        """For each side, the rays of the recorded camera by homogeneous places in the rectified image, (3, 3)."""
+        return [np.linalg.inv(k_rectified).T @ rotation for _, rotation, k_rectified in self._sides]
 
     @cached_property
     def rows_of(self) -> ExposedRows:
@@ -123,9 +130,8 @@ class Rectifier:
     def _places(self) -> list[tuple[_Side, NDArray[np.intp], Array]]:
         """For each side, which of the `_nodes` are inside its raw image, and where, px."""
         found = []
-        for camera, rotation, k_rectified in self._sides:
-            rays = np.column_stack([self._nodes, np.ones(len(self._nodes))])
-            rays = rays @ np.linalg.inv(k_rectified).T @ rotation
+        for side, (camera, rotation, k_rectified) in enumerate(self._sides):
+            rays = self._rays(side, self._nodes)
             ahead = np.flatnonzero(rays[:, 2] > 0)
             raw_px = project_into_image(camera, rays[ahead])
             # nodes outside were not seen

@@ -18,13 +18,7 @@ Array<double, 3> orthonormalise(Matrices poses);
 
 // arrays.cpp
 Array<double, 3> whiten_blocks(Matrices cov, Matrices b);
-Array<double, 2> invert_triangle(Matrix lower, Vector scale);
-struct Scaled {
-    Array<double, 2> matrix;
-    Array<double, 1> scale;
-    FIELDS(matrix, scale)
-};
-Scaled scaled_by_diagonal(Matrix matrix);
+Array<double, 2> inverse_root(Matrix matrix, Vector repairs);
 struct Reflections {
     Array<double, 2> along, axes;
     FIELDS(along, axes)

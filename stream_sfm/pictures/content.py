@@ -90,5 +90,5 @@ def _but_for_brightness(image: Image, other: Image) -> bool:
     apart = image[shows].astype(np.int16) - other[shows]
     if 2 * apart.size < image.size:
         return False
-    constant = int(median(apart))
+    constant = int(median(apart.astype(float)))
     return abs(constant) >= 2 and float((np.abs(apart - constant) <= 1).mean()) > 0.98

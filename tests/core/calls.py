@@ -174,8 +174,7 @@ CALLS = {
     "rotation_vectors": (COV[:, :3, :3],),
     "quaternions": (COV[:, :3, :3],),
     "orthonormalise": (MOTIONS,),
-    "invert_triangle": (np.eye(6), np.ones(6)),
-    "scaled_by_diagonal": (np.eye(6),),
+    "inverse_root": (np.eye(6), np.zeros(1)),
     "reflections": (POINTS[:, :3],),
     "minor_directions": (np.eye(6), 0.5),
     "point_marginals": (

@@ -71,6 +71,11 @@ class Turn:
     chi2: float
     apparent: ApparentTurns
 
+    def distances2(self, covs: Array) -> tuple[Array, Array]:
+        """Return the squared distances (n,) of the turn by covariances (n, 3, 3), and the log determinants of these."""
+        solved = np.linalg.solve(covs, self.rad[:, None])[..., 0]
+        return solved @ self.rad, np.linalg.slogdet(covs)[1]
+
 
 @record
 class UsualTurns:
@@ -108,16 +113,16 @@ class UsualTurns:
         n = 3.0 * (max(self.frames - self.rules.guess_frames, 0) + 1)
         usual = self.measured + turn.cov + turn.apparent.cov
         knocked = usual + self.rules.std_rad**2 * np.eye(3)
-        d2, d2_knocked = (float(turn.rad @ np.linalg.solve(cov, turn.rad)) for cov in (usual, knocked))
+        (d2, d2_knocked), (log_det, log_det_knocked) = turn.distances2(np.stack([usual, knocked]))
         log_usual = math.lgamma((n + 3) / 2) - math.lgamma(n / 2) - 1.5 * math.log(n / 2)
-        log_usual -= (n + 3) / 2 * math.log1p(d2 / n) + float(np.linalg.slogdet(usual)[1]) / 2
-        return -d2_knocked / 2 - float(np.linalg.slogdet(knocked)[1]) / 2 - log_usual
+        log_usual -= (n + 3) / 2 * math.log1p(d2 / n) + log_det / 2
+        return float(-d2_knocked / 2 - log_det_knocked / 2 - log_usual)
 
     def sized(self, turn: Turn) -> "UsualTurns":
         """Return the statistics with the size of the turn of the latest frame."""
         covs = turn.cov + turn.apparent.cov + SIZES[:, None, None] ** 2 * self.real
-        d2 = np.array([turn.rad @ np.linalg.solve(cov, turn.rad) for cov in covs])
-        return changed(self, sizes=self.sizes.after(-0.5 * (d2 + np.linalg.slogdet(covs)[1])))
+        d2, log_det = turn.distances2(covs)
+        return changed(self, sizes=self.sizes.after(-0.5 * (d2 + log_det)))
 
     def learnt(self, turn: Turn) -> "UsualTurns":
         """Return the statistics after a turn that counts as usual.
