@@ -9,7 +9,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.polynomial.polynomial import polyvander2d
 from numpy.typing import NDArray
 
 from ..errors import RigError
@@ -21,9 +20,6 @@ from .over_image import ExposedRows, FocalEffect
 from .rig import MonoRig, StereoRig
 from .settings import SETTINGS
 
-# Baseline of the virtual right camera beside a single one, in units of the first motion. Its views hardly count. As a
-# length it converts a drift of patches to depths, eq. (33), and is about the distance of a first scene.
-VIRTUAL_BASELINE = 10.0
 _Side = tuple[Camera, Array, Array]  # a camera, its rectifying rotation, and the matrix of its rectified image
 _Maps = tuple[cv2.typing.MatLike, cv2.typing.MatLike]
 
@@ -48,7 +44,7 @@ class Rectifier:
         middle = [(e[0] + e[1]) / 2 for e in extents]
         cx = [(width - 1) / 2 - f * m[0] for m in middle]
         cy = (height - 1) / 2 - f * float(np.mean([m[1] for m in middle]))
-        baseline = VIRTUAL_BASELINE if isinstance(rig, MonoRig) else rig.baseline_m
+        baseline = SETTINGS.virtual_baseline if isinstance(rig, MonoRig) else rig.baseline_m
         self.projection = StereoProjection(
             f, cx[0], cx[-1], cy, baseline, width, height, virtual_right=rig.unscaled
         )
@@ -98,11 +94,18 @@ class Rectifier:
 
         A picture that is burnt into both images is at the same pixels there, wherever the cameras look.
         """
-        raw = []
-        for (camera, rotation, k_rectified), px in zip(self._sides, (z_px[:, :2], z_px[:, 2:]), strict=True):
-            rays = np.column_stack([px, np.ones(len(px))]) @ np.linalg.inv(k_rectified).T @ rotation
-            raw.append(project_into_image(camera, rays))
-        return np.asarray(raw[1] - raw[0])
+        left, right = (self._rays(side, z_px[:, 2 * side : 2 * side + 2]) for side in (0, 1))
+        return project_into_image(self._sides[1][0], right) - project_into_image(self._sides[0][0], left)
+
+    def _rays(self, side: int, px: Array) -> Array:
+        """Return the rays (n, 3) of the recorded camera of a side at places (n, 2) px in its rectified image."""
+        by_u, by_v, at_origin = self._rays_by_pixel[side]
+        return np.asarray(px[:, :1] * by_u + px[:, 1:] * by_v + at_origin)
+
+    @cached_property
+    def _rays_by_pixel(self) -> list[Array]:
+        """For each side, the rays of the recorded camera by homogeneous places in the rectified image, (3, 3)."""
+        return [np.linalg.inv(k_rectified).T @ rotation for _, rotation, k_rectified in self._sides]
 
     @cached_property
     def rows_of(self) -> ExposedRows:
@@ -127,9 +130,8 @@ class Rectifier:
     def _places(self) -> list[tuple[_Side, NDArray[np.intp], Array]]:
         """For each side, which of the `_nodes` are inside its raw image, and where, px."""
         found = []
-        for camera, rotation, k_rectified in self._sides:
-            rays = np.column_stack([self._nodes, np.ones(len(self._nodes))])
-            rays = rays @ np.linalg.inv(k_rectified).T @ rotation
+        for side, (camera, rotation, k_rectified) in enumerate(self._sides):
+            rays = self._rays(side, self._nodes)
             ahead = np.flatnonzero(rays[:, 2] > 0)
             raw_px = project_into_image(camera, rays[ahead])
             # nodes outside were not seen
@@ -146,7 +148,8 @@ class Rectifier:
         """Return k polynomials over both images, fitted to values (n, k) at the places of each side."""
         size = self.projection.width, self.projection.height
         x, y = (2 * self._nodes / size - 1).T
-        products = polyvander2d(x, y, (SETTINGS.degree, SETTINGS.degree))
+        powers = (np.vander(at, SETTINGS.degree + 1, increasing=True) for at in (x, y))
+        products = np.einsum("ni,nj->nij", *powers).reshape(len(x), -1)
         fitted = [
             np.linalg.lstsq(products[at], of_side, rcond=None)[0].T
             for (_, at, _), of_side in zip(self._places, values, strict=True)

@@ -28,6 +28,12 @@ The Jacobians are by poses, perturbed on the left, and state (9n, 6n + 17), and 
 `cams` (n, 4, 4): poses in the reference camera, which is fixed and has the state (17,); velocities (n, 3) are in the
 axes of each camera; `lead` (6n, 3n): Jacobian of poses by slides. Raises LinAlgError if a covariance is not definite.)",
         "intervals"_a, "cams"_a, "lead"_a, "velocities"_a, "state"_a, "cam_from_imu"_a);
+    def<&inertial_information>(m, "inertial_information", R"(Return the information (6n + 17, …) of consecutive intervals about poses and state, and its weighted sums (6n + 17,), eq. (82).
+
+Slides (n, 3), of σ `std_slides` (n,), and velocities (n, 3) are eliminated. Also returns the Jacobian `lead` (6n, 3n)
+of true poses by slides, and of slides and velocities given the rest: the covariance (6n, 6n), the Jacobian (6n, 6n +
+17), and the right-hand side (6n,). The other arguments are those of `inertial_rows`.)",
+        "intervals"_a, "cams"_a, "slides"_a, "std_slides"_a, "velocities"_a, "state"_a, "cam_from_imu"_a);
     def<&inertial_motion>(m, "inertial_motion", R"(Return the motion over one interval by samples alone, eq. (81): previous_from_now (4, 4) and the state (17,) at its end.
 
 Also returns the Jacobian (23, 23) of both by pose and state at the beginning, and the added covariance (23, 23);

@@ -299,6 +299,52 @@ InertialRows inertial_rows(const IntervalViews& of, Matrices cams, Matrix lead, 
     return rows;
 }
 
+WIDER InertialInformation inertial_information(const IntervalViews& of, Matrices cams, Matrix slides, Vector std_slides,
+                                               Matrix velocities, Vector state, Matrix cam_from_imu) {
+    Leads led = slide_leads(cams, slides);
+    InertialRows rows = inertial_rows(of, led.true_cams, led.lead, velocities, state, cam_from_imu);
+    std::size_t n = cams.shape[0], of_rows = 9 * n, own = 6 * n, others = 6 * n + STATE, all = of_rows + 3 * n;
+    require_shape(std_slides, {n}, "std_slides");
+    Rows local{rows.local.data.get(), own}, shared{rows.shared.data.get(), others}, residual{rows.residual.data.get(), 1};
+    InertialInformation out{{others, others}, {others}, std::move(led.lead), {own, own}, {own, others}, {own}};
+    double *right = out.right.data.get(), *gain = out.gain.data.get();
+    Array<double, 2> h(own, own), coupling(own, others), root_rows(own, own), local_columns(own, of_rows);
+    add_product(local, own, local, own, of_rows, 0, h.data.get());
+    add_product(local, own, shared, others, of_rows, 0, coupling.data.get());
+    add_product(local, own, residual, 1, of_rows, 0, right);
+    for (std::size_t i = 0; i < own; i++) {
+        right[i] = -right[i];
+        if (i >= 3 * n) continue;
+        double known = 1 / (std_slides.data[i / 3] * std_slides.data[i / 3]);
+        h[i][i] += known;
+        right[i] -= known * slides.data[i];
+    }
+    Array<double, 2> root = inverse_root(h, true);
+    for (std::size_t i = 0; i < own; i++) {
+        for (std::size_t k = i; k < own; k++) root_rows[k][i] = root[i][k];
+        for (std::size_t row = 0; row < of_rows; row++) local_columns[i][row] = rows.local[row][i];
+    }
+    add_product({root_rows.data.get(), own}, own, {root_rows.data.get(), own}, own, own, 0, out.cov.data.get());
+    add_product({out.cov.data.get(), own}, own, {coupling.data.get(), others}, others, own, 0, gain);
+    for (std::size_t i = 0; i < own * others; i++) gain[i] = -gain[i];
+    // As a sum of squares the information stays definite, however different the variances of two intervals are: rows
+    // with the best slides and velocities, then the slides themselves, in σ.
+    Array<double, 2> left(all, others);
+    Array<double, 1> left_residual(all);
+    std::copy_n(shared.data, of_rows * others, left.data.get());
+    std::copy_n(residual.data, of_rows, left_residual.data.get());
+    add_product({local_columns.data.get(), of_rows}, of_rows, {gain, others}, others, own, 0, left.data.get());
+    for (std::size_t i = 0; i < 3 * n; i++) {
+        add(1 / std_slides.data[i / 3], gain + i * others, others, left[of_rows + i]);
+        left_residual.data[of_rows + i] = slides.data[i] / std_slides.data[i / 3];
+    }
+    Rows rest{left.data.get(), others};
+    add_product(rest, others, rest, others, all, 0, out.about.data.get());
+    add_product(rest, others, {left_residual.data.get(), 1}, 1, all, 0, out.weighted.data.get());
+    for (std::size_t i = 0; i < others; i++) out.weighted.data[i] = -out.weighted.data[i];
+    return out;
+}
+
 InertialMotion inertial_motion(const IntervalViews& of, Vector state, Matrix cam_from_imu, Vector std_walk) {
     require_intervals(of, 1, state, cam_from_imu);
     require_shape(std_walk, {6}, "std_walk");

@@ -29,6 +29,13 @@ struct Leads {
     Array<double, 3> true_cams;
     FIELDS(lead, true_cams)
 };
+struct InertialInformation {
+    Array<double, 2> about;
+    Array<double, 1> weighted;
+    Array<double, 2> lead, cov, gain;
+    Array<double, 1> right;
+    FIELDS(about, weighted, lead, cov, gain, right)
+};
 struct InertialMotion {
     Array<double, 2> previous_from_now{4, 4};
     Array<double, 1> state{17};
@@ -39,6 +46,8 @@ Preintegrated preintegrate(Vector seconds, Matrix gyro, Matrix accel, Vector wid
 Leads slide_leads(Matrices cams, Matrix slides);
 InertialRows inertial_rows(const IntervalViews& of, Matrices cams, Matrix lead, Matrix velocities, Vector state,
                            Matrix cam_from_imu);
+InertialInformation inertial_information(const IntervalViews& of, Matrices cams, Matrix slides, Vector std_slides,
+                                         Matrix velocities, Vector state, Matrix cam_from_imu);
 InertialMotion inertial_motion(const IntervalViews& of, Vector state, Matrix cam_from_imu, Vector std_walk);
 
 }  // namespace core

@@ -18,13 +18,13 @@ Array<double, 3> orthonormalise(Matrices poses);
 
 // arrays.cpp
 Array<double, 3> whiten_blocks(Matrices cov, Matrices b);
-Array<double, 2> invert_triangle(Matrix lower, Vector scale);
-struct Scaled {
-    Array<double, 2> matrix;
-    Array<double, 1> scale;
-    FIELDS(matrix, scale)
+Array<double, 2> inverse_root(Matrix matrix, bool repair);
+struct SolvedBySize {
+    Array<double, 1> log_det;
+    Array<double, 3> mean;
+    FIELDS(log_det, mean)
 };
-Scaled scaled_by_diagonal(Matrix matrix);
+SolvedBySize solved_by_size(Matrix information, Matrix weighted, Matrix sizes);
 struct Reflections {
     Array<double, 2> along, axes;
     FIELDS(along, axes)

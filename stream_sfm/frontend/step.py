@@ -7,6 +7,7 @@ from ..geometry.resection import Resection
 from ..pictures.prepared import PreparedImages
 from ..record import record
 from ..types import ExpectedMotion
+from .rules import MotionRules
 from .second_motions.unsteadiness import Unsteadiness
 from .state import FrontEndState, Setup
 
@@ -57,7 +58,7 @@ class Step:
     def jumps(self, cam_from_previous: Array, std_change: Array) -> bool:
         """Whether a motion (4, 4) differs from the predicted one by more than changes of σ (6,) allow."""
         change = se3.log(se3.inverse(self.predicted) @ cam_from_previous)
-        return bool((np.abs(change) > self.setup.rules.motion.jump_sigmas * std_change).any())
+        return bool((np.abs(change) > self.setup.rules.of(MotionRules).jump_sigmas * std_change).any())
 
     def twist(self, velocity: Array, cam_from_previous: Array) -> Array:
         """Return the twist (6,) of the points at the end of the interval; `velocity` (6,): in the previous interval."""
@@ -105,5 +106,5 @@ class Step:
         return self.by_inertia is not None and self.by_inertia.carried and self._is_near_samples(motion)
 
     def _is_near_samples(self, motion: Resection) -> bool:
-        near = self.setup.rules.motion.expected_near
+        near = self.setup.rules.of(MotionRules).expected_near
         return self.by_inertia is not None and self.distance2(motion, self.by_inertia.cov) < near

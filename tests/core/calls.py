@@ -6,11 +6,13 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 
-from stream_sfm.config.point_rules import PointRules, TemplateRules
-from stream_sfm.config.robust_rules import RobustRules
-from stream_sfm.config.rules import ErrorRules, RowRules
 from stream_sfm.core import _core as core
+from stream_sfm.frontend.learnt.rows import RowRules
+from stream_sfm.frontend.new_points import PointRules
+from stream_sfm.frontend.rules import ErrorRules
+from stream_sfm.frontend.templates import TemplateRules
 from stream_sfm.geometry.resection import Wanted
+from stream_sfm.geometry.robust_rules import RobustRules
 from stream_sfm.rig_model.terms import TERMS
 
 RNG = np.random.default_rng(0)
@@ -94,6 +96,10 @@ CALLS = {
         *(INTERVALS, np.tile(np.eye(4), (2, 1, 1)), np.zeros((12, 6)), np.zeros((2, 3))),
         *(np.ones(17), np.eye(4)),
     ),
+    "inertial_information": (
+        *(INTERVALS, np.tile(np.eye(4), (2, 1, 1)), np.zeros((2, 3)), np.ones(2), np.zeros((2, 3))),
+        *(np.ones(17), np.eye(4)),
+    ),
     "inertial_motion": (ONE_INTERVAL, np.ones(17), np.eye(4), np.ones(6)),
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40, POINT_RULES),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
@@ -172,8 +178,8 @@ CALLS = {
     "rotation_vectors": (COV[:, :3, :3],),
     "quaternions": (COV[:, :3, :3],),
     "orthonormalise": (MOTIONS,),
-    "invert_triangle": (np.eye(6), np.ones(6)),
-    "scaled_by_diagonal": (np.eye(6),),
+    "inverse_root": (np.eye(6), True),
+    "solved_by_size": (np.eye(3), np.ones((3, 2)), np.ones((4, 3))),
     "reflections": (POINTS[:, :3],),
     "minor_directions": (np.eye(6), 0.5),
     "point_marginals": (

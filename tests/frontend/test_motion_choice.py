@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
+from stream_sfm.frontend.rules import MotionRules
 from stream_sfm.frontend.second_motions.ambiguity import AmbiguityMemory
-from stream_sfm.frontend.second_motions.motion_choice import choose, contradict_far
+from stream_sfm.frontend.second_motions.motion_choice import choose
 from stream_sfm.frontend.second_motions.start_check import StartCheck
 from stream_sfm.frontend.seen import Seen
 from stream_sfm.frontend.state import Setup
@@ -148,7 +149,7 @@ def chosen_after_start(
     found: Seen, motion: Resection, new: np.ndarray, predicted: np.ndarray, std_m: float
 ) -> Resection:
     """The choice where all but `new` tracks (n,) have a full history, and samples predict the motion to `std_m`."""
-    agreed = np.where(new, 0, Config().rules.motion.full_history)
+    agreed = np.where(new, 0, MotionRules().full_history)
     found = changed(found, before=changed(found.before, agreed=agreed))
     nothing = cast(Any, None)
     cov = np.diag(np.repeat([std_m, 0.1 * std_m], 3) ** 2)
@@ -179,23 +180,6 @@ def test_tracks_with_a_history_refute_a_wrong_prediction() -> None:
         for moves_m in (0.05, 0.3):
             predicted = se3.exp([moves_m, 0, 0, 0, 0, 0]) @ TURNS
             assert chosen_after_start(found, motion, of < 0, predicted, 0.002) is motion
-
-
-@pytest.mark.parametrize(("follows_body", "contradict"), [(False, True), (True, False)])
-def test_points_that_contradict_those_behind_them_are_not_the_scene(follows_body: bool, contradict: bool) -> None:
-    """Far points contradict a body if the scene is followed, but not the scene if a body is followed."""
-    rules = Config().rules.start
-    for seed in range(12):
-        found, of = seen(seed, 0.08)
-        followed = (of == 2) if follows_body else (of == 1)
-        some = found.point_views.select(followed | (of == 0))
-        own = resect(some, TURNS, find_second=False)
-        accepted = np.zeros(len(of), bool)
-        accepted[followed | (of == 0)] = own.accepted
-        others = (of == 1) if follows_body else (of == 2)
-        found_out = contradict_far(rules, found, changed(own, accepted=accepted), others)
-        assert not found_out[~others].any()
-        assert found_out[others].all() if contradict else not found_out[others].any()
 
 
 def two_sets(seed: int, moves_m: float) -> tuple[Seen, np.ndarray, Resection]:

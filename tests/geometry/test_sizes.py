@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from stream_sfm import core
 from stream_sfm.geometry.sizes import SIZES, Sizes, Weighed, weigh
 
 STD = 0.1  # of a measured amplitude
@@ -86,3 +87,14 @@ def test_the_sizes_of_two_blocks_are_the_marginals_of_their_combinations() -> No
     assert shown.total(before, log) == pytest.approx(np.log(joint.sum()))
     row = shown.rows[shown.row_of(sizes)]
     assert list(row) == [s.probabilities.argmax() for s in sizes]
+
+
+def test_evidence_and_means_by_size_are_those_of_the_covariances() -> None:
+    rng = np.random.default_rng(4)
+    by_view, sizes = rng.normal(size=(9, 4)), np.array([[1.0, 1.0, 4.0, 0.0], [0.0, 2.0, 64.0, 1.0]])
+    information, weighted = by_view.T @ by_view, by_view.T @ rng.normal(size=(9, 2))
+    log_det, means = core.solved_by_size(information, weighted, sizes)
+    for size, found, mean in zip(sizes, log_det, means, strict=True):
+        cov = np.diag(size**2)
+        assert found == pytest.approx(np.linalg.slogdet(np.eye(4) + information @ cov)[1], rel=1e-12)
+        assert mean == pytest.approx(np.linalg.solve(np.eye(4) + cov @ information, cov @ weighted), rel=1e-9)

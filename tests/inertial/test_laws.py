@@ -140,6 +140,29 @@ def test_jacobian_of_the_factor_equals_differences(intervals):
         d[k] = 1e-6
         numerical[:, k] = (residual(d) - residual(-d)) / 2e-6
     assert np.abs((jacobian - numerical) / (np.abs(numerical).max(axis=0) + 1e-9)).max() < 1e-3
+    of_slides, std_slides = RNG.normal(0, 1e-3, (n, 3)), np.full(n, 2e-3)
+    for wide in (1.0, 1e12):  # however large the variance of the last interval is beside the others'
+        cov[-1] *= wide
+        check_information(rows, cams, of_slides, std_slides, velocities, state)
+
+
+def check_information(rows, cams, slides, std_slides, velocities, state) -> None:
+    """The information about poses and state is definite, and with slides and velocities that of all rows together."""
+    n, others = len(cams), 6 * len(cams) + 17
+    about, weighted, lead, cov, gain, right = core.inertial_information(
+        rows, cams, slides, std_slides, velocities, state, CAM_FROM_IMU
+    )
+    assert np.linalg.eigvalsh(about)[0] > -1e-9 * np.diag(about).max()
+    lead_alone, true_cams = core.slide_leads(cams, slides)
+    assert (lead == lead_alone).all()
+    residual, shared, local = core.inertial_rows(rows, true_cams, lead, velocities, state, CAM_FROM_IMU)
+    j = np.block([[shared, local], [np.zeros((3 * n, others)), np.eye(6 * n)[: 3 * n] / std_slides[0]]])
+    e = np.concatenate([residual, slides.ravel() / std_slides[0]])
+    scale = 1 / np.linalg.norm(j, axis=0)
+    step = np.linalg.lstsq(j * scale, -e, rcond=1e-13)[0] * scale  # the least one, as nothing else is known
+    assert about @ step[:others] == pytest.approx(weighted, rel=1e-6, abs=1e-6 * np.abs(weighted).max())
+    eliminated = cov @ right + gain @ step[:others]
+    assert eliminated == pytest.approx(step[others:], rel=1e-4, abs=1e-6 * np.abs(step[others:]).max())
 
 
 def one_interval() -> Intervals:

@@ -1,22 +1,15 @@
-"""The joint prior of the window: information about points and world from all frames that left it.
+"""The joint prior of the window: information about points and world from all frames that left it, section 6.
 
-Everything is expressed in the reference camera. Points seen from the same uncertain cameras have correlated errors,
-which the prior keeps in factored form, eq. (29),
+Everything is expressed in the reference camera, and factored, eq. (29),
 
     q_i = mean_i + F_i y + e_i,   ω = F_w y,   y ~ N(0, I_k),   e_i ~ N(0, D_i) independent,
 
 with common modes F and their amplitudes y. The last m modes are ∂q and ∂ω by the rig's errors, and their amplitudes are
-the deviations of these errors from their mean (`rig_state.py`). Given the few amplitudes, points are independent of
-each other: a window with any number of points is solved with one small dense system, the drift of a patch over its
-surface simply adds to D_i, and a point that is no longer seen is marginalised by dropping its row. Each absorbed frame
-adds the six modes of its unknown pose; modes that are negligible compared with the points' own noise are folded into D,
-so that every point keeps its marginal covariance. (A dense information matrix over 200 points contains the same and
-costs fifty times as much.)
-
-Camera-centred: the world's origin is one more pose among the variables, so nothing that touches the prior is ever
-relinearised in world coordinates, and unobservable directions stay unobservable (otherwise a bias grows with the number
-of frames; docs/mathematics.md, section 6). ω is the right perturbation of world_from_ref. With inertia, the inertial
-state (`interval.py`) is expressed in the same modes as the world.
+the deviations of these errors from their mean (`rig_state.py`). A window with any number of points is so solved with
+one small dense system; a dense information matrix over 200 points contains the same and costs fifty times as much. Each
+absorbed frame adds the six modes of its unknown pose; modes that are negligible compared with the points' own noise are
+folded into D, so that every point keeps its marginal covariance. ω is the right perturbation of world_from_ref. With
+inertia, the inertial state (`interval.py`) is expressed in the same modes as the world.
 """
 
 from dataclasses import field
@@ -27,17 +20,12 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import Array, se3
-from ...geometry.linear import Elimination, product, scaled_cholesky, turned
+from ...geometry.linear import LEAST_VARIANCE, Elimination, product, scaled_cholesky, turned
 from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
 from .inertia.interval import JOINT, OF_LEAVING, Leaving
 from .layout import Layout, layout
 from .rig_state import NO_RIG, RigState
-from .window_frame import WindowFrame
-
-# Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
-# micrometre and a microradian are far below the error of any estimate.
-_ORIGIN_VARIANCE = 1e-12
 
 # A mode is negligible if it adds less to the variance of anything reported (a pose, a motion, a point) than this share
 # of the variance by the points' own noise. With 0.5, poses move by 0.02 to 0.05 of their σ against a prior that keeps
@@ -85,7 +73,7 @@ class Prior:
         `by_own` (N, 3, e) and `by_rig` (N, 3, m): ∂q by the errors that the frame's views share, and by the rig's
         errors; apart from these the points are independent.
         """
-        root = scaled_cholesky(cov_pose + _ORIGIN_VARIANCE * np.eye(6))
+        root = scaled_cholesky(cov_pose + LEAST_VARIANCE * np.eye(6))
         modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_own, by_rig], axis=2)
         world_modes = np.concatenate([root, np.zeros((6, modes.shape[2] - 6))], axis=1)
         return cls(ids, mean, cov, modes, world_from_ref, world_modes, rig)
@@ -136,7 +124,7 @@ class Prior:
         pose, at = JOINT["pose"], JOINT["state"]
         world, of = self.world_modes[pose], self.of_modes
         of_own, of_rig = world[:, of["own"]], world[:, of["rig"]]
-        by_world = np.linalg.solve(joint[pose, pose] + _ORIGIN_VARIANCE * np.eye(6), joint[pose, at]).T
+        by_world = np.linalg.solve(joint[pose, pose] + LEAST_VARIANCE * np.eye(6), joint[pose, at]).T
         left = joint[at, at] - by_world @ joint[pose, at]
         # a billionth of the variances keeps the rest above rounding
         root = scaled_cholesky(0.5 * (left + left.T) + np.diag(1e-9 * np.diag(joint[at, at])))
@@ -299,18 +287,6 @@ class Prior:
             return np.concatenate([of_rig @ apart, modes[..., :own], of_rig @ kept], axis=-1)
 
         return changed(self, modes=moved(self.modes), world_modes=moved(self.world_modes), rig=rig)
-
-    def refocused(self, frame: WindowFrame, next_ns: int) -> "Prior":
-        """Return the prior for a moving focus, whose speed may have varied until the next frame, eq. (72g)."""
-        if frame.rig is None:
-            return self
-        rig, passed_s = self.rig, (next_ns - frame.stamp_ns) / 1e9
-        root = frame.rig.root_of_focusing(rig.held, rig.cov_held, rig.age_s(frame.stamp_ns), passed_s)
-        if not root.any():
-            return self
-        if rig.steady:  # so far its motion was attributed to other errors, which become as unknown as at first
-            root = np.concatenate([root, np.diag(rig.size)], axis=1)
-        return self.with_rig_change(rig.changed(root))
 
     def truncate_modes(self) -> "Prior":
         """Return the same prior without negligible modes, eq. (36).

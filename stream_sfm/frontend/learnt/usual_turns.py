@@ -1,15 +1,44 @@
 """The usual turns of the right camera in a run: real rigs vibrate, or are not quite synchronous."""
 
 import math
+from typing import Annotated
 
 import numpy as np
 
-from ...config.rules import TurnRules
+from ...config.section import Section, expert
 from ...geometry import Array
 from ...geometry.linear import symmetric
 from ...geometry.medians import MEMORY_FRAMES
 from ...geometry.sizes import SIZES, Sizes
 from ...record import changed, record
+
+
+class TurnRules(Section, frozen=True, kw_only=True):
+    """A right camera that is knocked out of alignment."""
+
+    # About one knock per hour at 30 Hz.
+    knocks: Annotated[float, expert("prior probability of a knock, per frame", 1e-300, 0.5)] = 1e-5
+    # It is 0.01 to 0.05 mrad on rendered logs, and 0.05 to 0.2 mrad on real ones.
+    first_guess_rad: Annotated[float, expert("first guess of the usual rotation per frame, rad", 1e-7, 0.1)] = 1e-4
+    guess_frames: Annotated[int, expert("weight of the first guess of the usual rotation, frames", 1, 10_000)] = 5
+    # This is 3 σ on each axis.
+    limit: Annotated[float, expert("cap on χ² of a frame in the usual rotation", 1, 1e6)] = 27.0
+    # Three frames fit in one window and keep depths valid.
+    lasting_frames: Annotated[int, expert("frames with one rotation before it is accepted", 1, 1000)] = 3
+    same: Annotated[float, expert("tolerance of consecutive rotations, relative to their mean", 0, 10)] = 0.5
+    # After that, an ever-changing rotation counts as usual.
+    patience_frames: Annotated[int, expert("largest number of frames with unusual rotations", 1, 1000)] = 8
+    # Templates are not found from farther away; left and right then do not fit each other.
+    max_turn_px: Annotated[float, expert("largest rotation that is accepted, px", 0.1, 1000)] = 4.0
+    # This is three to four for each of the nine unknowns.
+    min_views: Annotated[int, expert("least number of right views that show a rotation", 9, 2000)] = 30
+    # If a body covers them, it explains fewer.
+    agree: Annotated[float, expert("share of the right views that a rotation must explain", 0, 1)] = 0.6
+    gate: Annotated[float, expert("share of good right views that the gate keeps", 0.5, 0.999999999999)] = 0.999
+    # After a knock, views are wrong by ten standard deviations or more.
+    steps: Annotated[int, expert("largest number of reweighting steps for a rotation", 1, 1000)] = 12
+    # The estimator only starts from the measured rotation, so that it is not counted twice.
+    std_rad: Annotated[float, expert("prior σ of the rotation by a knock, about each axis, rad", 1e-6, 0.5)] = 3e-3
 
 
 @record
@@ -41,6 +70,11 @@ class Turn:
     cov: Array
     chi2: float
     apparent: ApparentTurns
+
+    def distances2(self, covs: Array) -> tuple[Array, Array]:
+        """Return the squared distances (n,) of the turn by covariances (n, 3, 3), and the log determinants of these."""
+        solved = np.linalg.solve(covs, self.rad[:, None])[..., 0]
+        return solved @ self.rad, np.linalg.slogdet(covs)[1]
 
 
 @record
@@ -79,16 +113,16 @@ class UsualTurns:
         n = 3.0 * (max(self.frames - self.rules.guess_frames, 0) + 1)
         usual = self.measured + turn.cov + turn.apparent.cov
         knocked = usual + self.rules.std_rad**2 * np.eye(3)
-        d2, d2_knocked = (float(turn.rad @ np.linalg.solve(cov, turn.rad)) for cov in (usual, knocked))
+        (d2, d2_knocked), (log_det, log_det_knocked) = turn.distances2(np.stack([usual, knocked]))
         log_usual = math.lgamma((n + 3) / 2) - math.lgamma(n / 2) - 1.5 * math.log(n / 2)
-        log_usual -= (n + 3) / 2 * math.log1p(d2 / n) + float(np.linalg.slogdet(usual)[1]) / 2
-        return -d2_knocked / 2 - float(np.linalg.slogdet(knocked)[1]) / 2 - log_usual
+        log_usual -= (n + 3) / 2 * math.log1p(d2 / n) + log_det / 2
+        return float(-d2_knocked / 2 - log_det_knocked / 2 - log_usual)
 
     def sized(self, turn: Turn) -> "UsualTurns":
         """Return the statistics with the size of the turn of the latest frame."""
         covs = turn.cov + turn.apparent.cov + SIZES[:, None, None] ** 2 * self.real
-        d2 = np.array([turn.rad @ np.linalg.solve(cov, turn.rad) for cov in covs])
-        return changed(self, sizes=self.sizes.after(-0.5 * (d2 + np.linalg.slogdet(covs)[1])))
+        d2, log_det = turn.distances2(covs)
+        return changed(self, sizes=self.sizes.after(-0.5 * (d2 + log_det)))
 
     def learnt(self, turn: Turn) -> "UsualTurns":
         """Return the statistics after a turn that counts as usual.

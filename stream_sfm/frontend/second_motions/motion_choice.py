@@ -8,8 +8,7 @@ is one motion, two, or none if a body hides the scene.
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import core
-from ...config.rules import Rules, StartRules
+from ...config.rules import Rules
 from ...geometry import Array, se3
 from ...geometry.medians import median
 from ...geometry.resection import (
@@ -17,42 +16,19 @@ from ...geometry.resection import (
     MIN_VIEWS,
     Resection,
     SecondMotion,
-    expected,
+    combined,
     judged,
     refine,
     resect,
     residuals_of,
 )
 from ...record import changed
-from ..rough_motion import RoughMotion, find_rough_motion
+from ..rules import MotionRules
 from ..seen import Seen
 from ..state import FrontEndState
 from ..step import Step
 from ..tracks import Tracks
-from .depth_order import depth_order, is_behind, is_deeper
-
-
-def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
-    """Return the rough motion, or that of the tracks that do not agree with it if these lie behind the others.
-
-    Only at the start of a map: later, votes have history.
-    """
-    rules, tracks, rest = step.setup.rules, state.tracks, np.flatnonzero(~rough.agree)
-    if state.start.is_over or len(rest) < max(MANY_VIEWS, rules.start.unexplained * len(tracks)):
-        return rough
-    other = find_rough_motion(changed(step, is_predicted=False), state.aligners, tracks.keep(rest))
-    if other is None:
-        return rough
-    left_px = step.setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
-    # far points fit both motions, within six σ of a position by flow
-    apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
-    others = tracks.keep(rough.agree & (apart_px > 6 * rules.flow.std_px * tracks.scale))
-    if not is_behind(step.setup, tracks.keep(rest[other.agree]), others):
-        return rough
-    left_px[rest[other.agree]] = other.left_px[other.agree]
-    agree = np.zeros(len(tracks), bool)
-    agree[rest[other.agree]] = True
-    return RoughMotion(other.cam_from_previous, left_px, agree, other.share)
+from .depth_order import StartRules, depth_order, is_behind, is_deeper
 
 
 def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Resection:
@@ -84,15 +60,15 @@ def _as_one(step: Step, seen: Seen, motion: Resection) -> Resection:
     apart = se3.log(motion.cam_from_ref @ se3.inverse(second.cam_from_ref))
     if apart @ np.linalg.solve(motion.cov_pose + second.cov_pose, apart) < views.settings.halves_apart:
         return changed(motion, second=None)  # the camera has moved alike by both
-    start = expected(motion, second.cam_from_ref, second.cov_pose).cam_from_ref
+    start = combined(motion, second.cam_from_ref, second.cov_pose).cam_from_ref
     one = refine(views, seen.weights, start, motion.amplitudes)
     alone = refine(views, seen.weights, second.cam_from_ref, motion.amplitudes)
     both = motion.accepted | second.views
-    if not one.ok or np.count_nonzero(one.accepted & both) < rules.motion.as_many * np.count_nonzero(both):
+    if not one.ok or np.count_nonzero(one.accepted & both) < rules.of(MotionRules).as_many * np.count_nonzero(both):
         return motion
     squared = np.where(second.views, alone.squared_residuals, motion.squared_residuals)
     odds = log_odds(changed(motion, squared_residuals=squared), one, both, views.gate)
-    return one if odds < rules.start.body else motion
+    return one if odds < rules.of(StartRules).body else motion
 
 
 def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, second: SecondMotion) -> Resection:
@@ -125,7 +101,7 @@ def _is_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection
 
     The speed of the second motion is no evidence, because a body may pass slowly.
     """
-    old = seen.before.agreed >= step.setup.rules.motion.full_history
+    old = seen.before.agreed >= step.setup.rules.of(MotionRules).full_history
     if state.ambiguity.lasts or step.jumps(motion.cam_from_ref, step.std_change):
         return False
     return bool(
@@ -144,7 +120,7 @@ def _uncovered(step: Step, seen: Seen, motion: Resection, second: SecondMotion) 
     if is_deeper(step.setup, only_second, followed):
         return changed(second, odds=1.0, lasted=_history(followed))
     lasted = _history(only_second)
-    if lasted < step.setup.rules.motion.full_history or not is_deeper(step.setup, followed, only_second):
+    if lasted < step.setup.rules.of(MotionRules).full_history or not is_deeper(step.setup, followed, only_second):
         return second
     return changed(second, lasted=lasted)
 
@@ -163,7 +139,7 @@ def _by_samples(step: Step, motion: Resection, other: Resection) -> float:
     if step.by_inertia is None:
         return 0.0
     apart = step.distance2(other, step.by_inertia.cov) - step.distance2(motion, step.by_inertia.cov)
-    return 0.5 * apart if abs(apart) > step.setup.rules.motion.inertial_apart else 0.0
+    return 0.5 * apart if abs(apart) > step.setup.rules.of(MotionRules).inertial_apart else 0.0
 
 
 def _expected(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Resection:
@@ -175,7 +151,7 @@ def _expected(step: Step, state: FrontEndState, seen: Seen, found: Resection) ->
     """
     cov = step.cov_predicted(state.unsteadiness)
     distance2 = step.distance2(found, cov)
-    if not found.ok or distance2 < step.setup.rules.motion.expected_near:
+    if not found.ok or distance2 < step.setup.rules.of(MotionRules).expected_near:
         return found
     views, fewest, old = seen.point_views, seen.point_views.settings.second_views, _with_history(step, seen)
     near = _of_old(step, seen, old, cov)
@@ -194,7 +170,7 @@ def _expected(step: Step, state: FrontEndState, seen: Seen, found: Resection) ->
 
 def _with_history(step: Step, seen: Seen) -> NDArray[np.bool_]:
     """Return the tracks (n,) with a full history if they are many, or else all that have agreed."""
-    full = seen.before.agreed >= step.setup.rules.motion.full_history
+    full = seen.before.agreed >= step.setup.rules.of(MotionRules).full_history
     return full if np.count_nonzero(full) >= MANY_VIEWS else seen.before.agreed > 0
 
 
@@ -206,8 +182,8 @@ def _of_old(step: Step, seen: Seen, old: NDArray[np.bool_], cov_predicted: Array
     views = seen.point_views
     alone = resect(views.select(old), step.predicted, seen.weights[old], find_second=False)
     # far tracks alone determine a motion poorly
-    if alone.ok and step.distance2(alone, cov_predicted) < step.setup.rules.motion.expected_near:
-        return judged(expected(alone, step.predicted, cov_predicted), views, seen.weights)
+    if alone.ok and step.distance2(alone, cov_predicted) < step.setup.rules.of(MotionRules).expected_near:
+        return judged(combined(alone, step.predicted, cov_predicted), views, seen.weights)
     return refine(views, seen.weights, step.predicted, np.zeros(views.shared.shape[2]))
 
 
@@ -227,9 +203,9 @@ def _without(step: Step, seen: Seen, motion: Resection, apart: NDArray[np.bool_]
     if not alone.ok or not other.ok:
         return motion
     body = motion.accepted & (other.squared_residuals > views.clear_gate)
-    if np.count_nonzero(other.accepted & agreed) < rules.motion.as_many * np.count_nonzero(agreed):
+    if np.count_nonzero(other.accepted & agreed) < rules.of(MotionRules).as_many * np.count_nonzero(agreed):
         return motion  # the motion of other points than these
-    if log_odds(other, motion, ~body, views.clear_gate) < rules.start.body:
+    if log_odds(other, motion, ~body, views.clear_gate) < rules.of(StartRules).body:
         return motion
     if not is_behind(step.setup, seen.before.keep(other.accepted & rest), seen.before.keep(body), fewest=1):
         return motion
@@ -259,11 +235,11 @@ def is_scene_hidden(step: Step, state: FrontEndState, seen: Seen, motion: Resect
     if np.count_nonzero(motion.accepted & trusted) >= min(MANY_VIEWS, 0.5 * np.count_nonzero(old)):
         return False
     new, rules = seen.before.keep(motion.accepted & ~trusted), step.setup.rules
-    if len(new) < rules.motion.hidden_views:
+    if len(new) < rules.of(MotionRules).hidden_views:
         return False
     rho, in_front = state.tracks.points[old, 3], False
     if len(rho):
-        in_front = median(new.points[:, 3]) > rules.start.deeper * median(rho)
+        in_front = median(new.points[:, 3]) > rules.of(StartRules).deeper * median(rho)
     usual = step.usual_change(state.unsteadiness) if in_front else step.std_change
     return state.background_hidden or step.jumps(motion.cam_from_ref, usual)
 
@@ -277,35 +253,7 @@ def may_be_scene(rules: Rules, tracks: Tracks, accepted: NDArray[np.bool_], fill
     """
     rest, followed = ~accepted, tracks.keep(accepted)
     if fills_view and rest.any():
-        as_far = followed.points[:, 3] < rules.start.deeper * median(tracks.points[rest, 3])
-        if np.count_nonzero(as_far) >= rules.motion.calm_start * len(followed):
+        as_far = followed.points[:, 3] < rules.of(StartRules).deeper * median(tracks.points[rest, 3])
+        if np.count_nonzero(as_far) >= rules.of(MotionRules).calm_start * len(followed):
             return np.zeros(len(tracks), bool)
-    return rest & (depth_order(tracks, followed, rules.start) >= 0)
-
-
-def contradict_far(
-    rules: StartRules, seen: Seen, motion: Resection, others: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """Return which of `others` (n,), which may belong to the scene, contradict the agreeing points behind them.
-
-    If the motion were that of a body in front of the scene, agreeing points farther away than these others would belong
-    to the scene. So the others are tested against the motion of these far points, with its covariance.
-    """
-    views, rho, none = seen.point_views, seen.before.points[:, 3], np.zeros(len(others), bool)
-    if not others.any():
-        return none
-    far = motion.accepted & (rules.deeper * rho < median(rho[others]))
-    if np.count_nonzero(far) < MANY_VIEWS:
-        return none
-    by_far = refine(views.select(far), seen.weights[far], motion.cam_from_ref, motion.amplitudes)
-    if not by_far.ok:
-        return none
-    rows = views.select(others)
-    root, jacobian = rows.linearise(by_far.cam_from_ref)
-    residuals = core.view_residuals(rows, root, by_far.amplitudes, by_far.cam_from_ref[None])[0][0]
-    cov = np.zeros((jacobian.shape[2],) * 2)
-    cov[:6, :6], cov[6:, 6:] = by_far.cov_pose, by_far.cov_amplitudes
-    cov_residuals = np.eye(4) + jacobian @ cov @ np.swapaxes(jacobian, 1, 2)
-    squared = np.einsum("ni,ni->n", residuals, np.linalg.solve(cov_residuals, residuals[:, :, None])[:, :, 0])
-    none[others] = squared > rows.clear_gate
-    return none
+    return rest & (depth_order(tracks, followed, rules.of(StartRules)) >= 0)

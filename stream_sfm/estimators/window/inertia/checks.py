@@ -7,14 +7,15 @@ from itertools import product
 
 import numpy as np
 
+from .... import core
 from ....config import RigConfig
-from ....config.inertia_rules import InertiaRules
 from ....geometry import Array, se3
-from ....geometry.linear import mahalanobis2, symmetric
+from ....geometry.linear import symmetric
 from ....inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GRAVITY, GRAVITY_M_S2, GYRO_BIAS, SCALE, VELOCITY
 from ....record import changed, record
 from ....types import InertialEstimate
 from .interval import JOINT, Known
+from .rules import InertiaRules
 
 _SIZES = (1, 3, 1)  # of scale, axes and clock
 _THERE = np.array(list(product((0.0, 1.0), repeat=len(_SIZES))))  # which errors are not zero: all combinations
@@ -132,15 +133,10 @@ def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
     information = information - np.eye(5)
     values, axes = np.linalg.eigh(0.5 * (information + information.T))
     information = (axes * np.maximum(values, 0.0)) @ axes.T
-    weighted = _ROWS * weighted  # all combinations at once, with zeros for absent errors
-    information = _ROWS[:, :, None] * information * _ROWS[:, None, :]
-    counted = np.eye(5) + rig.counts * information
-    log_odds = (
-        np.log(rig.odds) * _THERE.sum(axis=1)
-        - 0.5 * np.linalg.slogdet(counted)[1]
-        + 0.5 * rig.counts**2 * mahalanobis2(weighted, counted)
-    )
-    means = np.linalg.solve(np.eye(5) + information, weighted[..., None])[..., 0]
+    log_det, counted = core.solved_by_size(rig.counts * information, weighted[:, None], _ROWS)
+    gained = rig.counts**2 * (counted[..., 0] @ weighted)
+    log_odds = np.log(rig.odds) * _THERE.sum(axis=1) + 0.5 * (gained - log_det)
+    means = core.solved_by_size(information, weighted[:, None], _ROWS)[1][..., 0]
     weights = np.exp(log_odds - log_odds.max())
     weights /= weights.sum()
     probable = 2 - 1 / np.maximum(weights @ _THERE, 0.5)  # zero unless the error is likelier present than absent

@@ -12,14 +12,14 @@ from functools import cached_property
 import numpy as np
 
 from .... import core
-from ....config.inertia_rules import InertiaRules
 from ....geometry import Array, se3
-from ....geometry.linear import Cholesky, scaled_cholesky, symmetric
+from ....geometry.linear import scaled_cholesky, symmetric
 from ....inertial.state import GRAVITY, GRAVITY_M_S2, STATE, VELOCITY
 from ....record import changed, record
 from ..layout import Layout, layout
 from ..normal_equations import System
 from .interval import JOINT, OF_LEAVING, Interval, Intervals, Known, Leaving
+from .rules import InertiaRules
 
 _LEAST_SLIDE_RAD = 1e-7
 _OWN_SLIDE = np.eye(6)[:, 3:]  # Jacobian of the pose of a frame by its own slide
@@ -96,21 +96,10 @@ class InertialWindow:
 
     def linearised(self, cams_from_ref: Array, state: Array) -> tuple["InertialWindow", tuple[Array, Array]]:
         """Return information (6F + 17, …) and right-hand side of poses and state, the rest eliminated, eq. (82)."""
-        f, (lead, true_cams) = len(self.intervals), self.leads(cams_from_ref)
-        residual, shared, local = core.inertial_rows(
-            self.rows, true_cams, lead, self.velocities, state, self.cam_from_imu
+        about, weighted, *eliminated = core.inertial_information(
+            self.rows, cams_from_ref, self.slides, self.std_slides, self.velocities, state, self.cam_from_imu
         )
-        slides = self._local["slides"]
-        about_slides = np.repeat(self.std_slides**-2.0, 3)
-        h_local = local.T @ local
-        h_local[range(3 * f), range(3 * f)] += about_slides
-        right = -local.T @ residual
-        right[slides] -= about_slides * self.slides.ravel()
-        cov = Cholesky(h_local).inverse()
-        coupling = local.T @ shared
-        gain = -cov @ coupling
-        about = shared.T @ shared + coupling.T @ gain, gain.T @ right - shared.T @ residual
-        return changed(self, eliminated=Eliminated(lead, cov, gain, right)), about
+        return changed(self, eliminated=Eliminated(*eliminated)), (about, weighted)
 
     def moved(self, dposes: Array, dstate: Array) -> "InertialWindow":
         """Move velocities and slides with steps of poses (F, 6) and state (17,); their own step is made only once."""
