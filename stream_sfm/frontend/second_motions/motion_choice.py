@@ -159,11 +159,12 @@ def _expected(step: Step, state: FrontEndState, seen: Seen, found: Resection) ->
         return found
     fit = log_odds(near, found, old, views.clear_gate)
     change = 0.5 * (distance2 - step.distance2(near, cov))
-    if fit + change < float(np.log(found.ambiguous_share)):
+    clear = -float(np.log(found.ambiguous_share))
+    if fit + change < -clear:
         return found
     only_found = found.accepted & (near.squared_residuals > views.clear_gate)
     if np.count_nonzero(only_found) < fewest:  # few views distinguish the two
-        return changed(near, second=found.second) if fit > 0 else found
+        return changed(near, second=found.second) if fit > clear else found
     odds = float(np.exp(-fit if step.samples_agree else -fit - change))  # `_by_samples` counts what samples say
     return changed(near, second=SecondMotion(found.cam_from_ref, found.cov_pose, only_found, odds))
 
