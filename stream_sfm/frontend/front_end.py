@@ -276,8 +276,7 @@ def _ambiguity(second: SecondMotion | None, state: FrontEndState) -> Ambiguity |
     """Return why a frame's motion may not be the camera's: another one may be, or left and right are inconsistent."""
     misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
     if second is not None:
-        repeats = state.ambiguity.repeats
-        return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, second.lasted, of_start, repeats)
+        return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, second.lasted, of_start)
     return Ambiguity(misfit=True, of_start=of_start) if misfit else None
 
 
