@@ -4,7 +4,6 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import reduce
 from itertools import zip_longest
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -13,6 +12,11 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import FrontendConfig, WindowConfig, config_to_toml, read_config, setting_names
+from stream_sfm.config.rules import Rules, kinds_of_rules
+from stream_sfm.config.section import Section
+from stream_sfm.frontend.learnt.pair_check import PairRules
+from stream_sfm.frontend.learnt.usual_turns import TurnRules
+from stream_sfm.frontend.rules import MotionRules
 from stream_sfm.geometry import se3
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 from tools.render.inertial import BMI160, measured
@@ -20,13 +24,18 @@ from tools.render.inertial import BMI160, measured
 TINY = 1e-308  # squared, or as a divisor, it leaves the range of numbers
 
 
+def kind_of(section: str) -> type[Section]:
+    """The kind of a section such as `window` or `rules.turn`; of the whole for an empty name."""
+    first, _, name = section.partition(".")
+    return kinds_of_rules()[name] if name else type(getattr(sfm.Config(), first)) if first else sfm.Config
+
+
 def numbers() -> dict[str, tuple[type, float, float]]:
     """Every setting that is a number: its type, and its least and largest value."""
     found = {}
     for name in setting_names():
         section, _, key = name.rpartition(".")
-        kind = type(reduce(getattr, filter(None, section.split(".")), sfm.Config()))
-        hint = get_type_hints(kind, include_extras=True)[key]
+        hint = get_type_hints(kind_of(section), include_extras=True)[key]
         assert get_origin(hint) is Annotated, name
         number, meta = get_args(hint)
         if number in (int, float):
@@ -39,12 +48,11 @@ NUMBERS = numbers()
 
 def config_with(name: str, value: float) -> sfm.Config:
     """The defaults with one setting changed."""
-    *sections, key = name.split(".")
-    kinds = [type(reduce(getattr, sections[:n], sfm.Config())) for n in range(len(sections) + 1)]
-    made: Any = value
-    for kind, part in zip(reversed(kinds), [key, *reversed(sections)], strict=True):
-        made = kind(**{part: made})
-    return made
+    section, _, key = name.rpartition(".")
+    made = kind_of(section)(**{key: value})
+    if section.startswith("rules."):
+        return sfm.Config(rules=Rules((made,)))
+    return sfm.Config(**{section: made}) if section else made
 
 
 def refused(name: str, value: float) -> bool:
@@ -91,6 +99,7 @@ def frames() -> list[sfm.StereoFrame]:
     return seen
 
 
+OF_CONFIG = tuple(f"stream_sfm.config.{file}" for file in ("sections", "settings", "rules", "toml_text"))
 OF_INERTIA, OF_ONE_CAMERA = ("imu.", "rules.inertia."), ("rules.mono.",)
 
 
@@ -144,6 +153,8 @@ def test_the_engine_works_at_both_ends_of_every_setting(
         (lambda: sfm.Config(window=3), r"Config\(window=3\): give a WindowConfig, as in window=WindowConfig"),
         (lambda: sfm.Config(window={"frames": 3}), r"Config\(window={'frames': 3}\): give a WindowConfig"),
         (lambda: sfm.Config(window=FrontendConfig()), r"give a WindowConfig"),
+        (lambda: sfm.Config(rules={"turn": 3}), r"give a Rules, as in rules=Rules"),
+        (lambda: Rules((3,)), r"give sections of rules"),
         (lambda: sfm.Config(method=3), r"Config\(method=3\): give text"),
         (lambda: sfm.Config(mono="yes"), r"Config\(mono='yes'\): give true or false"),
         (lambda: WindowConfig(frames=0), r"WindowConfig\(frames=0\): give a whole number of at least 1"),
@@ -177,6 +188,10 @@ def test_settings_are_given_by_name_and_unknown_names_are_refused() -> None:
         ("dense.voxel_m=1e-308", r"dense\.voxel_m is 1e-308; give at least 0\.0001, or 0"),
         ("window.frame=8", r"unknown setting 'window\.frame'; did you mean window\.frames\?"),
         ("widow.frames=8", r"unknown section 'widow'; did you mean window\?"),
+        ("rules.turn.knocks=2", r"setting rules\.turn\.knocks is 2; it must be a number of at most 0\.5"),
+        ("rules.turn.knock=0", r"unknown setting 'rules\.turn\.knock'; did you mean rules\.turn\.knocks\?"),
+        ("rules.turns.knocks=0", r"unknown section 'rules\.turns'; did you mean rules\.turn\?"),
+        ("rules.turn=3", r"setting rules\.turn is 3; it must be a section"),
         (
             "nonsense=1",
             r"unknown setting 'nonsense'; known are method, mask_left, mask_right, mono, frontend, window",
@@ -189,7 +204,9 @@ def test_a_file_is_refused_with_the_setting_and_what_it_must_be(override: str, m
 
 
 def test_settings_made_in_python_equal_those_read_from_a_file(tmp_path) -> None:
-    made = sfm.Config(method="ekf", window=WindowConfig(frames=12), frontend=FrontendConfig(renew_fraction=1))
+    rules = Rules((MotionRules(full_history=5), PairRules(fit=0)))
+    window, frontend = WindowConfig(frames=12), FrontendConfig(renew_fraction=1)
+    made = sfm.Config(method="ekf", window=window, frontend=frontend, rules=rules)
     (tmp_path / "c.toml").write_text(config_to_toml(made))
     assert read_config(tmp_path / "c.toml") == made
 
@@ -207,6 +224,16 @@ def test_settings_that_few_runs_need_are_printed_where_they_are_asked_for_or_cha
     assert "smoothing_px" not in short and "[expert.frontend]" in whole
     changed = sfm.Config(frontend=FrontendConfig(smoothing_px=2.0))
     assert "smoothing_px = 2.0" in config_to_toml(changed, expert=False)
+
+
+def test_rules_are_those_of_the_rooms_unless_they_are_changed() -> None:
+    """The list has the rules of every room, each once."""
+    changed = read_config(None, ["rules.turn.knocks=1e-6", f"rules.pair.fit={PairRules().fit}"]).rules
+    assert changed == Rules((TurnRules(knocks=1e-6),)) and changed.of(TurnRules).knocks == 1e-6
+    assert changed.of(PairRules) == PairRules()
+    kinds = list(kinds_of_rules().values())
+    assert set(kinds) == {kind for kind in Section.__subclasses__() if kind.__module__ not in OF_CONFIG}
+    assert len(set(kinds)) == len(kinds)
 
 
 def test_few_settings_are_promises_and_each_is_described_by_itself() -> None:

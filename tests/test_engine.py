@@ -16,6 +16,7 @@ import stream_sfm as sfm
 from stream_sfm.camera.pixels import to_grey
 from stream_sfm.camera.refinement import KnownTiming
 from stream_sfm.errors import EngineBusyError
+from stream_sfm.frontend.rules import ErrorRules
 from stream_sfm.geometry import se3
 from tests.helpers.estimates import bytes_of
 from tests.helpers.estimators import nees
@@ -59,7 +60,7 @@ def test_poses_and_structure_follow_the_truth(frames, method: str) -> None:
 def test_points_now_and_ended_keep_the_error_that_all_their_views_share(frames, method: str) -> None:
     engine = sfm.Engine(rig(0.03), sfm.Config(method=method))
     projection = engine.observer.projection
-    shift = sfm.Config().rules.errors.std_shared_px / (projection.f_px * projection.baseline_m)  # of 1/Z
+    shift = sfm.Config().rules.of(ErrorRules).std_shared_px / (projection.f_px * projection.baseline_m)  # of 1/Z
     count = 0
     for estimate in map(engine.step, frames):
         cam = estimate.window_world_from_cam[0]

@@ -40,6 +40,7 @@ from stream_sfm.config import Config
 from stream_sfm.errors import ConfigError, require_study
 from stream_sfm.estimators import make_estimator
 from stream_sfm.frontend.learnt.template_errors import TemplateErrors, turn_of_slides
+from stream_sfm.frontend.rules import ErrorRules
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection
@@ -162,7 +163,7 @@ def simulated(motion: str, seed: int) -> Source:
         z = p.project(se3.transform(se3.inverse(pose), tracks.in_world)) + error_px + wrong
         cov = np.tile(CLAIMED_PX**2 * np.eye(4), (TRACKS, 1, 1))
         errors = errors.after(tracks.ids, z, cov)
-        std_turn_rad = turn_of_slides(drift_px[:old], p.f_px, Config().rules.errors.alike) if n else 0.0
+        std_turn_rad = turn_of_slides(drift_px[:old], p.f_px, Config().rules.of(ErrorRules).alike) if n else 0.0
         lasting = LastingErrors(drift_px, errors.inflation, std_turn_rad)
         observations.append(Observations(n, n * FRAME_NS, tracks.ids, z, cov, n_new=TRACKS - old, lasting=lasting))
     return Source(p, observations, poses, tracks.views)

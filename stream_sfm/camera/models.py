@@ -7,14 +7,10 @@ import numpy as np
 from ..errors import ConfigError
 from ..geometry import Array
 from .masks import Mask, checked_mask
+from .settings import SETTINGS
 
 MAX_PIXELS = 12_500_000  # per image: a run with sensors of 12 megapixels stays below a gigabyte
 MANY_PIXELS = 2**22  # per image: nothing is computed ahead for larger ones, which would take too much memory
-_MIN_EDGE_PX = 16  # smaller images hold no patch
-_MAX_EDGE_PX = 2**15 - 1  # OpenCV's maps have 16 bits
-_MAX_K_PX = 1e6  # per element of K: a telescope on the largest image has a tenth of it
-_MIN_FOCAL_FRACTION = 0.05  # of the longer edge: a pinhole then sees 168°, and a fisheye more than the full sphere
-_MAX_SKEW_PX = 0.1  # OpenCV's lens models have no skew; this much moves no pixel by a tenth of a pixel
 # Numbers of coefficients of each lens model, in OpenCV's order.
 DISTORTION_COEFFICIENTS = {"none": (0,), "plumb_bob": (0, 4, 5), "rational_polynomial": (8,), "equidistant": (4,)}
 # Other names of these models.
@@ -51,10 +47,11 @@ class Camera:
         values = {"width": edges[0], "height": edges[1], "K": k, "D": d, "distortion_model": model}
         for name, value in values.items():
             object.__setattr__(self, name, value)
-        if min(edges) < _MIN_EDGE_PX or max(edges) > _MAX_EDGE_PX or self.width * self.height > MAX_PIXELS:
+        least_px, most_px = SETTINGS.edge_px
+        if min(edges) < least_px or max(edges) > most_px or self.width * self.height > MAX_PIXELS:
             raise ConfigError(
                 f"camera size {self.width:.6g}×{self.height:.6g}: give width and height in pixels, each from "
-                f"{_MIN_EDGE_PX} to {_MAX_EDGE_PX}, at most {MAX_PIXELS / 1e6:g} megapixels; reduce larger images"
+                f"{least_px} to {most_px}, at most {MAX_PIXELS / 1e6:g} megapixels; reduce larger images"
             )
         if problem := _matrix_problem(k, max(edges)):
             raise ConfigError(f"camera matrix K {problem}")
@@ -97,13 +94,13 @@ def _matrix_problem(k: Array, longer_edge: int) -> str:
         return f"is transposed, as MATLAB has it: {k.tolist()}; give K.T"
     if k[0, 0] <= 0 or k[1, 1] <= 0 or not np.allclose(k[2], (0, 0, 1)):
         return f"must have fx, fy > 0 and last row 0 0 1, got {k.tolist()}: is the camera calibrated?"
-    if np.abs(k).max() > _MAX_K_PX:
-        return f"must be in pixels, none over {_MAX_K_PX:g}, got {k.tolist()}"
+    if np.abs(k).max() > SETTINGS.max_k_px:
+        return f"must be in pixels, none over {SETTINGS.max_k_px:g}, got {k.tolist()}"
     focal = min(k[0, 0], k[1, 1])
-    if focal < _MIN_FOCAL_FRACTION * longer_edge:
+    if focal < SETTINGS.min_focal * longer_edge:
         cure = "give pixels of these images, not millimetres and not fractions of the image"
         return f"has a focal length of {focal:g} for images whose longer edge has {longer_edge} pixels: {cure}"
-    if max(abs(k[0, 1]), abs(k[1, 0])) > _MAX_SKEW_PX:
+    if max(abs(k[0, 1]), abs(k[1, 0])) > SETTINGS.max_skew_px:
         return f"has a skew, which is not supported: {k.tolist()}; calibrate so that K[0, 1] is 0"
     return ""
 

@@ -20,9 +20,6 @@ from .over_image import ExposedRows, FocalEffect
 from .rig import MonoRig, StereoRig
 from .settings import SETTINGS
 
-# Baseline of the virtual right camera beside a single one, in units of the first motion. Its views hardly count. As a
-# length it converts a drift of patches to depths, eq. (33), and is about the distance of a first scene.
-VIRTUAL_BASELINE = 10.0
 _Side = tuple[Camera, Array, Array]  # a camera, its rectifying rotation, and the matrix of its rectified image
 _Maps = tuple[cv2.typing.MatLike, cv2.typing.MatLike]
 
@@ -47,7 +44,7 @@ class Rectifier:
         middle = [(e[0] + e[1]) / 2 for e in extents]
         cx = [(width - 1) / 2 - f * m[0] for m in middle]
         cy = (height - 1) / 2 - f * float(np.mean([m[1] for m in middle]))
-        baseline = VIRTUAL_BASELINE if isinstance(rig, MonoRig) else rig.baseline_m
+        baseline = SETTINGS.virtual_baseline if isinstance(rig, MonoRig) else rig.baseline_m
         self.projection = StereoProjection(
             f, cx[0], cx[-1], cy, baseline, width, height, virtual_right=rig.unscaled
         )

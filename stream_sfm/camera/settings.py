@@ -7,7 +7,17 @@ from ..record import record
 
 @record
 class CameraSettings:
-    """Settings for all cameras; limits on images are in `models.py`."""
+    """Settings for all cameras."""
+
+    # A camera. The most pixels of an image are in `models.py`.
+    edge_px: tuple[int, int] = (16, 2**15 - 1)  # smaller images hold no patch; OpenCV's maps have 16 bits
+    max_k_px: float = 1e6  # per element of K: a telescope on the largest image has a tenth of it
+    min_focal: float = 0.05  # of the longer edge: a pinhole then sees 168°, a fisheye more than the full sphere
+    max_skew_px: float = 0.1  # OpenCV's lens models have no skew; this much moves no pixel by a tenth of a pixel
+
+    # Where the calibration of a recording is sought.
+    levels: int = 3  # of folders around it
+    most_near: int = 50  # files of a folder that may be calibrations; more are something else
 
     # Rectified images. The focal length is the one at which the whole image fits, so that a distorted image keeps
     # its corners, but at least this fraction of the original one. Chosen by hand: a wider view costs resolution in
@@ -25,6 +35,10 @@ class CameraSettings:
     beside: float = 0.7
     parallel: float = 1e-3  # sine of the angle between baseline and view: with less, both look along one line
     usual_baseline_m: tuple[float, float] = (0.005, 5.0)  # from endoscopes to aircraft; otherwise the unit is wrong
+
+    # Baseline of the virtual right camera beside a single one, in units of the first motion. Its views hardly count. As
+    # a length it converts a drift of patches to depths, eq. (33), and is about the distance of a first scene.
+    virtual_baseline: float = 10.0
 
     # Polynomials over the image: of raw rows, and of the effect of a longer focal length.
     degree: int = 7  # per coordinate

@@ -11,7 +11,7 @@ from ..system.wording import printable
 if TYPE_CHECKING:
     from ..types import Frame, FrameEstimate
 
-_FIRST = 2  # steps before a time is told: the first one loads or renders
+_FIRST = 2  # steps before a time is shown: the first one loads or renders
 _KEPT = 512  # entries of a history, in which older ones are thinned
 LINE_INTERVAL_S = 10.0  # without a terminal; often enough to show that a run is alive, rare enough for a log file
 

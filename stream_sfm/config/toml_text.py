@@ -15,6 +15,7 @@ from msgspec import Meta
 from ..errors import ConfigError, as_error
 from ..system.inputs import LIMITS, parse_toml, read_small
 from ..system.wording import invalid_setting
+from .rules import Rules, kinds_of_rules
 from .section import Section
 from .settings import Config
 
@@ -39,11 +40,25 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
     if not isinstance(expert, dict) or not all(isinstance(section, dict) for section in expert.values()):
         raise ConfigError(f"configuration{where}: expert holds sections only, such as [expert.frontend]")
     _merge(expert, data, "", where)
+    kind = _kind_of_file()
     try:
-        return msgspec.convert(data, Config)
+        found = msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
-        text = invalid_setting(str(error), data, msgspec.to_builtins(Config()))
+        known = msgspec.to_builtins({**msgspec.structs.asdict(Config()), "rules": kind().rules})
+        text = invalid_setting(str(error), data, known)
         raise ConfigError(f"configuration{where}: {text}", hint=("config_to_toml",)) from None
+    rules = (getattr(found.rules, name) for name in kinds_of_rules())
+    changed = tuple(section for section in rules if section != type(section)())
+    settings = {name: getattr(found, name) for name in Config.__struct_fields__}
+    return Config(**{**settings, "rules": Rules(changed)})
+
+
+@cache
+def _kind_of_file() -> type[Any]:
+    """Return the kind of what a file holds: a Config in which the rules of each room have their name."""
+    sections = [(name, kind, kind()) for name, kind in kinds_of_rules().items()]
+    rules = msgspec.defstruct("Rules", sections, bases=(Section,), frozen=True)
+    return msgspec.defstruct("Config", [("rules", rules, rules())], bases=(Config,), frozen=True)
 
 
 def _merge(expert: dict[str, Any], data: dict[str, Any], path: str, where: str) -> None:
@@ -100,12 +115,12 @@ def config_to_toml(config: Config, expert: bool = True) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _sections(section: Section, name: str = "") -> Iterator[tuple[str, Section]]:
+def _sections(config: Config) -> Iterator[tuple[str, Section]]:
     """Return names and sections; the first has no name and holds the settings outside any section."""
-    yield name, section
-    for key in section.__struct_fields__:
-        if isinstance(value := getattr(section, key), Section):
-            yield from _sections(value, f"{name}.{key}" if name else key)
+    yield "", config
+    values = ((name, getattr(config, name)) for name in config.__struct_fields__ if name != "rules")
+    yield from ((name, value) for name, value in values if isinstance(value, Section))
+    yield from ((f"rules.{name}", config.rules.of(kind)) for name, kind in kinds_of_rules().items())
 
 
 @cache

@@ -23,6 +23,7 @@ struct FoundViews {
     Array<double, 2> z, any_row;
     Array<double, 3> cov;
     Array<double, 2> exposures;  // of the left image over their templates
+    Array<double, 1> contrast;
 };
 
 template <class T>
@@ -123,7 +124,7 @@ class Alignment {
         std::size_t n = left.found.shape[0];
         FoundViews result{std::move(left.found), {n, 4}, {n, 4},
                           view_covariances(gradients, left.error, error_right, kind.noise.shared_pixels, kind.scale, kind.noise.factor, kind.rules),
-                          std::move(left.exposures)};
+                          std::move(left.exposures), std::move(left.contrast)};
         double missing = std::numeric_limits<double>::quiet_NaN();
         for (std::size_t i = 0; i < n; i++)
             for (Array<double, 2>* z : {&result.z, &result.any_row})
@@ -159,7 +160,7 @@ AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, 
     PredictedTracks now = predict_tracks(right_sides.rows.projection, timing, right_sides.twist, tracks, cam_from_previous,
                                          cam_from_start, left, agree);
     Array<bool, 1> expected(n);
-    FoundViews all{{n}, {n, 4}, {n, 4}, {n, 4, 4}, {n, 2}};
+    FoundViews all{{n}, {n, 4}, {n, 4}, {n, 4, 4}, {n, 2}, {n}};
     auto align = [&](const auto& templates) {
         Alignment alignment(templates);
         Sought sought = alignment.visible(tracks, slots, now);
@@ -172,6 +173,7 @@ AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, 
             std::copy_n(views.any_row[k], 4, all.any_row[i]);
             std::copy_n(views.cov[k], 16, all.cov[i]);
             std::copy_n(views.exposures[k], 2, all.exposures[i]);
+            all.contrast.data[i] = views.contrast.data[k];
         }
     };
     align(ordinary);
@@ -180,7 +182,7 @@ AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, 
     Array<double, 2> points = rows_of(now.points, kept);
     Array<double, 2> taken = shifts_by_timing(right_sides.rows.projection, timing.row_of, points, right_sides.twist, timing.mean);
     AlignedTracks result{std::move(expected), numbers(kept), std::move(points), rows_of(all.z, kept),
-                         rows_of(all.cov, kept), rows_of(all.any_row, kept), std::move(taken), rows_of(all.exposures, kept)};
+                         rows_of(all.cov, kept), rows_of(all.any_row, kept), std::move(taken), rows_of(all.exposures, kept), rows_of(all.contrast, kept)};
     for (Array<double, 2>* z : {&result.z, &result.any_row})
         for (std::size_t i = 0; i < 4 * kept.size(); i++) z->data[i] -= result.taken.data[i];
     return result;

@@ -33,7 +33,8 @@ zero; the products (n, 3, 3) of these; and the mean grey value (n,).)",
 
 `exposures` (n, 2): gains and offsets of the previous image over the patches. Returns positions (n, 2); whether each was
 found (n,); the deviation (n,) of the residual grey differences, eq. (15), in grey values of the template, inf if it
-was not found; and the gains and offsets (n, 2) of this image.)",
+was not found; the gains and offsets (n, 2) of this image; and the contrasts (n,) over
+those of the patches, relative to the mean grey values, eq. (17c).)",
         pixels<T>("image"), "starts_px"_a, "inverse"_a, "information"_a, "level"_a, "exposures"_a, "radius_px"_a, "spacing_px"_a, "rules"_a);
 }
 

@@ -46,8 +46,8 @@ differences, and with the timing subtracted as well, their points (k, 4) and the
 They are sought in the left image, and those found there on their row in the right image. Returns which should be in
 view (n,), and for those found at least on the left: their rows (k,), points (k, 4), views (k, 4), NaN if the right side
 was not found on its row, covariances (k, 4, 4), eq. (15), views (k, 4) that include right sides off their row, the
-correction (k, 4) px for delay and readout that is subtracted from all of these, and gains and offsets (k, 2) of the
-left image over their templates.)",
+correction (k, 4) px for delay and readout that is subtracted from all of these, gains and offsets (k, 2) of the left
+image over their templates, and the contrasts (k,) of their patches in it.)",
         "right_sides"_a, "timing"_a, "tracks"_a, "slots"_a, "cam_from_previous"_a, "cam_from_start"_a, "left_px"_a, "agree"_a, "ordinary"_a, "wide"_a.none());
     def<&predict_tracks>(m, "_predict_tracks", R"(Return where a motion (4, 4) puts tracks (n), and how their patches look in the camera `cam_from_start` (4, 4).
 

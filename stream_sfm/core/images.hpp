@@ -46,7 +46,8 @@ struct AlignedPatches {
     Array<bool, 1> found;
     Array<double, 1> error;
     Array<double, 2> exposures;
-    FIELDS(at, found, error, exposures)
+    Array<double, 1> contrast;
+    FIELDS(at, found, error, exposures, contrast)
 };
 template <class T>  // float or std::uint8_t
 void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, Pixels points, Indices slots);

@@ -234,6 +234,7 @@ struct Fits {
     for (std::size_t i = 0; i < fits.gain.size(); i++) {
         result.exposures[i][0] = change * before[i][0];
         result.exposures[i][1] = change * before[i][1] + shift;
+        result.contrast.data[i] = fits.gain[i] * std::max<double>(level.data[i], 1) / std::max(fits.mean[i], 1.0);
     }
     if (found.empty()) return;
     for (std::size_t i : found) gains.push_back(fits.gain[i] / result.exposures[i][0]);
@@ -281,7 +282,7 @@ WIDER AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<
         require(before[i][0] > 0 && std::isfinite(before[i][0]) && std::isfinite(before[i][1]), "exposures are not gains above 0 and offsets");
     require(n == 0 || (image.height > 0 && image.width > 0), "the image is empty");
     Array<float, 1> weights = sample_weights(radius, spacing, rules.weights_width);
-    AlignedPatches result{{n, 2}, {n}, {n}, {n, 2}};
+    AlignedPatches result{{n, 2}, {n}, {n}, {n, 2}, {n}};
     std::vector<float> there(k2), weighted(k2);
     Sampler<T> sampler(k2);
     Fits fits{std::vector<double>(n), std::vector<double>(n), std::vector<double>(n)};

@@ -74,7 +74,8 @@ struct AlignedTracks {  // which tracks (n) were expected in view; rows, points 
     Array<double, 2> points, z;
     Array<double, 3> cov;
     Array<double, 2> any_row, taken, exposures;
-    FIELDS(expected, rows, points, z, cov, any_row, taken, exposures)
+    Array<double, 1> contrast;
+    FIELDS(expected, rows, points, z, cov, any_row, taken, exposures, contrast)
 };
 AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, Indices slots,
                            Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree,

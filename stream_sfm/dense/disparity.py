@@ -20,10 +20,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config.dense_rules import DenseRules
 from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
+from .rules import DenseRules
 
 Grey = NDArray[np.uint8]
 Image = NDArray[np.float32]

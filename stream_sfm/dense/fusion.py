@@ -9,12 +9,12 @@ many, their edge is doubled, so that memory stays bounded for a log of any lengt
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config.dense_rules import DenseRules
 from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from . import voxels
 from .disparity import DisparityMap, cosine_of_incidence, rays, std_along_ray
 from .mesh import Mesh
+from .rules import DenseRules
 
 _WEIGHT, _DISTANCE, _SHARED, _FRAMES, _COLOUR = 0, 1, 2, 3, slice(4, 7)
 

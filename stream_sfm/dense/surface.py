@@ -28,6 +28,7 @@ from ..types import Frame, FrameEstimate, Selection, Sink, Status
 from .disparity import DenseStereo, DisparityMap
 from .fusion import Fusion
 from .mesh import Mesh, mesh_of_frame
+from .rules import DenseRules
 
 # Measured memory: limit of a run for its images; bytes per pixel of images for tracking and for dense stereo.
 _MEMORY_BYTES, _TRACKING_BYTES, _DENSE_BYTES = 800e6, 48, 320
@@ -72,7 +73,7 @@ class DenseView:
         self.projection = _reduced_projection(rectifier.projection, self._factor)
         self.cam_from_rect = se3.from_rotation_translation(rectifier.rect_from_cam.T, np.zeros(3))
         valid = self._reduced(rectifier.valid.astype(np.uint8)) == 1
-        self._stereo = DenseStereo(self.projection, config.rules.dense, valid)
+        self._stereo = DenseStereo(self.projection, config.rules.of(DenseRules), valid)
 
     def see(self, frame: RecordedFrame) -> tuple[DisparityMap, Image]:
         """Return the disparities of a frame, and its rectified left image (h, w, 3)."""
@@ -144,7 +145,7 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
         raise ConfigError(f"{log.path} has no frame {number}: the last one is {read - 1}")
     view = DenseView(Rectifier(masked_by(config, log.stereo_rig)), config)
     found, picture = view.see(frame)
-    mesh = mesh_of_frame(view.projection, found, picture, config.rules.dense.max_disparity_step_px)
+    mesh = mesh_of_frame(view.projection, found, picture, config.rules.of(DenseRules).max_disparity_step_px)
     if not len(mesh.faces):
         raise LogError(f"{log.path}: frame {number}: {_NOTHING_SEEN}", hint=("inspect",))
     warnings = [*log.stats.warnings, *log_problems(log, [frame])]
@@ -188,7 +189,7 @@ class _Fused(Sink):
     def __init__(self, log: StereoLog, config: Config, rectifier: Rectifier) -> None:
         self._log, self._view = log, DenseView(rectifier, config)
         self._rect_from_cam = rectifier.rect_from_cam
-        self.fusion = Fusion(self._view.projection, config.rules.dense, config.dense.voxel_m)
+        self.fusion = Fusion(self._view.projection, config.rules.of(DenseRules), config.dense.voxel_m)
         self.problems: list[str] | None = None
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config.robust_rules import RobustRules
 from ..geometry import Array
 from ..geometry.resection import Resection
+from ..geometry.robust_rules import RobustRules
 from ..geometry.stereo import StereoProjection
 from ..record import columns_at
 from ..types import Observations, Solution, Status
-from .motion_model import Doubts, MotionModel
+from .motion_model import MotionModel, Unreliable
 from .triangulation import points_to_world, triangulate, usable_births
 
 
@@ -102,15 +102,15 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
 
     A pose from images that do not fit each other is used, although the pose predicted from earlier frames may be the
     true one: the covariances of the pose and of the points in the world cover both, and relative motions are not
-    reported. After a doubt that was never settled, they keep what they covered last. Raises
+    reported. After a start that was never confirmed, they keep what they covered last. Raises
     LinAlgError for a pose that is not finite, before anything learns from it.
     """
     if not (np.isfinite(solution.world_from_cam).all() and np.isfinite(solution.cov_pose).all()):
         raise np.linalg.LinAlgError("the pose is not finite")
     solution = with_ended(solution, ended)
     of_start = observations.ambiguity is not None and observations.ambiguity.of_start
-    doubts = Doubts(observations.misfit, of_start, observations.unconfirmed)
-    cov = motion.add(observations.stamp_ns, solution.world_from_cam, solution.cov_pose, doubts)
+    unreliable = Unreliable(observations.misfit, of_start, observations.unconfirmed)
+    cov = motion.add(observations.stamp_ns, solution.world_from_cam, solution.cov_pose, unreliable)
     if observations.misfit:
         solution = replace(solution, relative=None)
     if cov is solution.cov_pose:

@@ -13,11 +13,11 @@ from ..geometry import Array, se3
 from .accelerations import Accelerations
 
 
-class Doubts(NamedTuple):
+class Unreliable(NamedTuple):
     """Why a pose may be wrong.
 
     `misfit`: the true pose may be the one predicted from the last pose without a misfit. `of_start`: it may be the one
-    predicted from the first pose of the map. `unconfirmed`: the start ended before its doubt was settled.
+    predicted from the first pose of the map. `unconfirmed`: the start ended before anything confirmed it.
     """
 
     misfit: bool = False
@@ -25,7 +25,7 @@ class Doubts(NamedTuple):
     unconfirmed: bool = False
 
 
-NO_DOUBTS = Doubts()
+RELIABLE = Unreliable()
 
 
 class MotionModel:
@@ -38,12 +38,12 @@ class MotionModel:
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # ξ per second, in the camera's own axes
         self._velocity_known = False
-        # For each doubt that was never settled: the pose after it, and the covariance that remains.
+        # For each start that was never confirmed: the last pose of it, and the covariance that remains.
         self._left: list[tuple[Array, Array]] = []
         self._known_at_ns: int | None = None  # when the velocity was last measured, or else the first pose
-        self._trusted: MotionModel | None = None  # as it was before the doubtful frames up to the latest one
+        self._trusted: MotionModel | None = None  # as it was before the unreliable frames up to the latest one
         self._at_start: MotionModel | None = None  # as it was when the map began
-        # A pose since a doubtful start, and what covers that doubt.
+        # A pose since an unreliable start, and what covers its other possible pose.
         self._covered: tuple[Array, Array] | None = None
 
     @property
@@ -56,29 +56,31 @@ class MotionModel:
         """σ (6,) of the difference of two velocities of a vehicle, per second: what it gains while it accelerates."""
         return self._config.speeds_up_s * self._accelerations.assumed
 
-    def add(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array, doubts: Doubts = NO_DOUBTS) -> Array:
+    def add(
+        self, stamp_ns: int, world_from_cam: Array, cov_pose: Array, unreliable: Unreliable = RELIABLE
+    ) -> Array:
         """Add the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
 
         A pose that may be wrong is used, and its covariance also covers the other possible pose, eq. (43a). If nothing
         has confirmed the start, what was added to its covariance stays in all later ones.
         """
-        if doubts.unconfirmed and self._covered is not None:
+        if unreliable.unconfirmed and self._covered is not None:
             self._left = [*self._left, self._covered][-16:]  # memory is bounded
         cov_pose = self._with_left(world_from_cam, cov_pose)
-        if not doubts.misfit:
+        if not unreliable.misfit:
             self._trusted = self._covered = None
         else:
-            since = self._at_start if doubts.of_start else None
+            since = self._at_start if unreliable.of_start else None
             self._trusted = since or self._trusted or copy(self)
             covering = self._trusted._covering(stamp_ns, world_from_cam)
-            self._covered = (world_from_cam, covering) if doubts.of_start else None
+            self._covered = (world_from_cam, covering) if unreliable.of_start else None
             cov_pose = cov_pose + covering
         dt = self._seconds_since(stamp_ns)
         if dt > 0:
             self._velocity = se3.log(se3.inverse(self._pose) @ world_from_cam) / dt
             self._velocity_known = True
             self._known_at_ns = stamp_ns
-        learnt = self._accelerations.interrupted() if doubts.misfit else self._accelerations
+        learnt = self._accelerations.interrupted() if unreliable.misfit else self._accelerations
         self._accelerations = learnt.after(stamp_ns, world_from_cam)
         self._go_on(stamp_ns, world_from_cam, cov_pose)
         return cov_pose
@@ -86,7 +88,7 @@ class MotionModel:
     def restart(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
         """Set the pose at which a new map begins; the velocity and its age are kept.
 
-        Earlier doubts are part of the covariance of this pose, which all poses of the map share.
+        What unreliable starts have left is part of the covariance of this pose, which all poses of the map share.
         """
         self._left, self._trusted, self._covered = [], None, None
         self._accelerations = self._accelerations.interrupted().after(stamp_ns, world_from_cam)
@@ -106,7 +108,7 @@ class MotionModel:
         self._cov = self._cov + np.diag((reach_s2 * self._accelerations.std) ** 2)
 
     def _with_left(self, world_from_cam: Array, cov_pose: Array) -> Array:
-        """Return the covariance (6, 6) of a pose with those that earlier doubts have left."""
+        """Return the covariance (6, 6) of a pose with those that unreliable starts have left."""
         for pose, cov in self._left:
             ad = se3.adjoint(se3.inverse(world_from_cam) @ pose)
             cov_pose = cov_pose + ad @ cov @ ad.T
@@ -122,7 +124,7 @@ class MotionModel:
     def predict(self, stamp_ns: int) -> tuple[Array, Array]:
         """Predict pose (4, 4) and covariance (6, 6) at a later time, eqs. (42) and (43).
 
-        Before the first frame this is exactly the world's origin. If the last pose is doubtful, so is the velocity.
+        Before the first frame this is exactly the world's origin. If the last pose is unreliable, so is the velocity.
         """
         dt = self._seconds_since(stamp_ns)
         step = se3.exp(self._velocity * dt)

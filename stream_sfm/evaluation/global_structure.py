@@ -17,9 +17,9 @@ from ..geometry.linear import mahalanobis2
 from ..types import FrameEstimate, Trajectory
 from .association import truth_of_frames
 from .relative import known_frames
+from .settings import SETTINGS
 
 GLOBAL_FIGURES = ("global_structure_rms_m", "global_structure_median_m", "global_structure_error_over_sigma")
-_EVERY = 10  # of the points is a test point: some twenty in view, 1.5 kB per frame
 _NUMBERS = 3 + 9  # of a place and its covariance
 
 
@@ -38,7 +38,7 @@ class TestPoints:
             return
         ids = estimate.track_ids
         for row, place in zip(rows, true_in_cam, strict=True):
-            if ids[row] % _EVERY == 0:
+            if ids[row] % SETTINGS.test_points == 0:
                 self._begun.setdefault(int(ids[row]), (estimate.stamp_ns, place))
         seen = np.array([k for k, each in enumerate(ids.tolist()) if each in self._begun], np.intp)
         self._stamps_ns.extend([estimate.stamp_ns] * len(seen))

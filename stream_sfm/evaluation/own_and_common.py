@@ -14,9 +14,7 @@ import numpy as np
 from ..geometry import Array, se3
 from ..geometry.linear import symmetric
 from ..motion import Motion
-
-_ITERATIONS = 4  # the weight of motions against c follows from `own`; it changes by less than 1 % then
-_EIGENVALUE = 1e-6  # of a covariance in σ of what was assumed, squared: less is an error that is known, or rounding
+from .settings import SETTINGS
 
 
 class OwnAndCommon(NamedTuple):
@@ -46,7 +44,7 @@ def own_and_common(motions: Sequence[Motion], true: Array, cov_true: Array, alik
     weighted = np.einsum("nij,ni->j", by_c, whitened) / alike
     variance, values, eye = 1.0, float(whitened.size), np.eye(len(information))
     c, shown = np.zeros(len(eye)), 0.0
-    for _ in range(_ITERATIONS if len(eye) else 1):
+    for _ in range(SETTINGS.own_fits if len(eye) else 1):
         c = np.linalg.solve(information / variance + eye, weighted / variance)
         shown = float(np.trace(np.linalg.solve(information / variance + eye, information / variance)))
         if 2 * alike * shown > values:
@@ -65,7 +63,7 @@ def common_apart(one: Motion, other: Motion) -> float | None:
         return None
     both = one.cov_common @ other.cov_common
     values, vectors = np.linalg.eigh(symmetric(one.cov_common + other.cov_common - both - both.T))
-    known = values > _EIGENVALUE
+    known = values > SETTINGS.least_eigenvalue
     apart = vectors[:, known].T @ (one.mean - other.mean)
     return float(np.sqrt(np.mean(apart**2 / values[known]))) if known.any() else None
 

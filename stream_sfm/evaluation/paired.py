@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..record import record
+from .settings import SETTINGS
 
 FIGURES = {"ate_rmse_aligned_m": "ATE aligned", "t_rel_percent": "t_rel", "r_rel_deg_per_100m": "r_rel"}
-_LEAST = 2  # logs that an interval needs
 
 
 @record
@@ -23,6 +23,15 @@ class Ratio:
     value: float
     ci95: tuple[float, float]
     logs: int
+
+
+def outcome_of(intervals: Sequence[Sequence[float]]) -> str:
+    """Return whether ratios of errors are below 1 by their intervals: `ahead` if one is and no other is above 1.
+
+    `behind` in the opposite case, `mixed` if they contradict each other, `level` if all contain 1.
+    """
+    less, more = any(high < 1 for _, high in intervals), any(low > 1 for low, _ in intervals)
+    return "mixed" if less and more else "ahead" if less else "behind" if more else "level"
 
 
 @record
@@ -37,12 +46,12 @@ class Paired:
         """Return the ratios, and which set drifts less if the figures that differ agree about it."""
         texts = [f"{FIGURES[k]} ×{r.value:.2f} [{r.ci95[0]:.2f}, {r.ci95[1]:.2f}]" for k, r in self.ratios.items()]
         logs = max(ratio.logs for ratio in self.ratios.values())
-        second_is_less = any(ratio.ci95[1] < 1 for ratio in self.ratios.values())
-        first_is_less = any(ratio.ci95[0] > 1 for ratio in self.ratios.values())
-        verdict = f"these {logs} logs do not tell which one drifts less"
-        if second_is_less != first_is_less:
-            less, more = (self.second, self.first) if second_is_less else (self.first, self.second)
-            verdict = f"{less} drifts less than {more}"
+        decided = {
+            "ahead": f"{self.second} drifts less than {self.first}",
+            "behind": f"{self.first} drifts less than {self.second}",
+        }
+        outcome = outcome_of([ratio.ci95 for ratio in self.ratios.values()])
+        verdict = decided.get(outcome, f"these {logs} logs do not tell which one drifts less")
         return f"{self.second} over {self.first}, {logs} logs: {', '.join(texts)}\n{verdict}"
 
 
@@ -71,7 +80,7 @@ def mean_ratio(of_logs: Sequence[float], together: int) -> Ratio | None:
 
     `together`: the number of such intervals that all hold in 95 % of comparisons.
     """
-    if (logs := len(of_logs)) < _LEAST:
+    if (logs := len(of_logs)) < SETTINGS.fewest_logs:
         return None
     from scipy.special import stdtrit  # of the extra `study`; one run needs none
 

@@ -19,6 +19,7 @@ from ..motion import Motion
 from ..types import FrameEstimate, Trajectory
 from .association import matched
 from .own_and_common import OwnAndCommon, own_and_common
+from .settings import SETTINGS
 
 SPANS = (1, 2, 5, 8, 10, 20, 50, 100)
 OF_WINDOW = SPANS[:4]  # frames within the window and its covariance
@@ -26,7 +27,6 @@ _CHAINED = 20, 40  # composed of these; longer spans are composed of them
 _UPPER = np.triu_indices(6)
 _NUMBERS = 6 + len(_UPPER[0])  # numbers of a motion and its covariance
 _LONGEST = max(SPANS)
-_MOST_KEPT = 300  # frames whose motions are kept with their common errors, some 16 kB each: enough for both factors
 
 
 class Motions(NamedTuple):
@@ -67,7 +67,7 @@ class RelativeRecord:
         self._numbers.frombytes(numbers.tobytes())
         if end % self._every == 0:
             self._kept[end] = {SPANS[k]: motion for k, motion in found.items()}
-        if len(self._kept) > _MOST_KEPT:
+        if len(self._kept) > SETTINGS.kept_motions:
             self._every *= 2
             self._kept = {end: motions for end, motions in self._kept.items() if end % self._every == 0}
 

@@ -8,7 +8,10 @@ from ..geometry.view_stages import RawViews
 from ..record import changed, record, rows_of
 from .alignment import learn_noise
 from .learnt.pair_check import Found
+from .learnt.sharpness import lost_or_gained
 from .mono.parallax import update_by_parallax
+from .rules import ErrorRules, MotionRules
+from .second_motions.depth_order import StartRules
 from .second_motions.motion_choice import contradict_far, may_be_scene
 from .second_motions.start_check import StartCheck
 from .second_motions.unsteadiness import Unsteadiness
@@ -24,7 +27,7 @@ class Followed:
 
     The motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances `cov_px` (n, 4, 4) of the surviving
     tracks, in the order of their table. `found`: all tracks that were found; `second`: an alternative motion that may
-    be the right one; `settled`: as in `Observations`.
+    be the right one; `settled`: as in `Observations`. `blurred_px` (n,): σ of the slide by a change of sharpness.
     """
 
     cam_from_previous: Array
@@ -33,6 +36,7 @@ class Followed:
     found: Found | None = None
     second: SecondMotion | None = None
     settled: bool = False
+    blurred_px: Array | float = 0.0
 
 
 def learn(state: FrontEndState, seen: Seen, motion: Resection, twist: Array) -> FrontEndState:
@@ -56,21 +60,23 @@ def advance(
     z_px, cov_px = rows_of(seen.views.z_px, rows), motion.spread * rows_of(seen.views.cov_px, rows)
     seen_px = seen.views.raw_px(rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
-    now = changed(now, left_px=seen_px[:, :2].copy(), exposures=rows_of(seen.views.exposures, rows))
-    ambiguity, other, settled = state.ambiguity.after(motion, seen.before, alike)
-    in_question = other is not None or ambiguity.lasts  # this motion, or which set of tracks is static
+    grey = rows_of(seen.views.exposures, rows), seen.views.contrast[rows]
+    now = changed(now, left_px=seen_px[:, :2].copy(), exposures=grey[0], contrast=grey[1])
+    ambiguity, second, settled = state.ambiguity.after(motion, seen.before, alike)
+    ambiguous = second is not None or ambiguity.lasts  # this motion, or which set of tracks is static
     state = changed(
         state,
         unsteadiness=_unsteadiness(step, state, motion.cam_from_ref),
-        tracks=now.judged(motion.accepted[kept], ambiguous=in_question),
+        tracks=now.judged(motion.accepted[kept], ambiguous=ambiguous),
         cam_from_start=cam_from_start,
         velocity=se3.log(motion.cam_from_ref) / step.dt_s if step.dt_s > 0 else np.zeros(6),
         ambiguity=ambiguity,
-        start=_start(step, state, seen, motion, in_question),
+        start=_start(step, state, seen, motion, ambiguous),
     )
     has_samples = step.by_inertia is not None and step.by_inertia.agreed
     found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, has_samples)
-    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, other, settled)
+    blurred_px = _blurred_px(step, seen, motion)[rows]
+    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, second, settled, blurred_px)
 
 
 def _placed(
@@ -83,7 +89,7 @@ def _placed(
     cam_from_start: Array,
 ) -> Tracks:
     """Return the tracks (n) in the new camera, on the rays of their views (n, 4) with covariances (n, 4, 4)."""
-    projection, forgetting = step.setup.projection, step.setup.rules.motion.forgetting
+    projection, forgetting = step.setup.projection, step.setup.rules.of(MotionRules).forgetting
     if projection.virtual_right:
         return update_by_parallax(
             projection, tracks.moved(cam_from_previous), z_px, cov_px, cam_from_start, forgetting
@@ -91,16 +97,24 @@ def _placed(
     return tracks.updated(projection, cam_from_previous, z_px, state.with_turn(z_px, cov_px), forgetting)
 
 
-def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, in_question: bool) -> StartCheck:
-    """Return the check of the start after a frame; if two motions are `in_question`, that is reported already."""
+def _blurred_px(step: Step, seen: Seen, motion: Resection) -> Array:
+    """Return σ (n,) px of the slides of the tracks because all patches have become sharper or more blurred."""
+    by_motion = float(np.linalg.norm(motion.cam_from_ref[:3, 3]) * np.median(seen.views.points[:, 3]))
+    changes = lost_or_gained(seen.before.contrast, seen.views.contrast, by_motion)
+    share, config = step.setup.rules.of(ErrorRules).slide_blurred, step.setup.config
+    return share * config.frontend.window_radius_px * seen.before.scale * changes
+
+
+def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, ambiguous: bool) -> StartCheck:
+    """Return the check of the start after a frame; an `ambiguous` motion is reported already."""
     start = state.start.settled() if step.is_carried(motion) else state.start
-    if in_question or start.is_over:
+    if ambiguous or start.is_over:
         return start
     start = start.begun_with(float(motion.accepted.mean()))
     counts = motion.accepted
     if motion.second is None or not motion.second.in_front:
         others = may_be_scene(step.setup.rules, seen.before, motion.accepted, start.fills_view)
-        counts = counts | (others & ~contradict_far(step.setup.rules.start, seen, motion, others))
+        counts = counts | (others & ~contradict_far(step.setup.rules.of(StartRules), seen, motion, others))
     return start.after(seen.before.ids[counts], motion.accepted[counts])
 
 
@@ -110,7 +124,7 @@ def _unsteadiness(step: Step, state: FrontEndState, cam_from_previous: Array) ->
     if step.dt_s <= 0 or not state.velocity.any():
         return before
     if before is None:
-        rules = step.setup.rules.motion
+        rules = step.setup.rules.of(MotionRules)
         assumed = (step.setup.std_acceleration[[0, 3]] * step.dt_s**2) ** 2
         before = Unsteadiness(assumed, rules.assumed_frames, rules)
     expected = se3.exp(state.velocity * step.dt_s)

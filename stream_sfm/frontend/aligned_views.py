@@ -23,7 +23,7 @@ class AlignedViews:
     `points` (k, 4): where the rough motion puts them; `z_px` (k, 4), NaN if the right side was not found; `cov_px`
     (k, 4, 4). `any_row_px` (k, 4): views that include right sides off their row. `taken_px` (k, 4): the correction for
     delay and readout that has been subtracted from all of these. `exposures` (k, 2): gains and offsets of the left
-    image over the templates.
+    image over the templates; `contrast` (k,): of the patches in it.
     """
 
     rows: NDArray[np.int64]
@@ -34,6 +34,7 @@ class AlignedViews:
     any_row_px: TimedViews
     taken_px: Array
     exposures: Array
+    contrast: Array
 
     def raw_px(self, rows: NDArray[np.int64]) -> RawViews:
         """Return some of the views as the images show them."""
@@ -49,7 +50,7 @@ def align(
     """
     tracks, aligners, in_both = state.tracks, state.aligners, not setup.projection.virtual_right
     has_wide = WIDE in aligners and (tracks.scale == WIDE).any()
-    in_view, rows, points, z_px, cov_px, any_row_px, taken_px, exposures = core.align_tracks(
+    in_view, rows, points, z_px, cov_px, any_row_px, taken_px, *grey = core.align_tracks(
         state.right_sides(twist),
         state.timing,
         tracks,
@@ -66,4 +67,4 @@ def align(
             np.where(_RIGHT & setup.unseen_in_right(px)[:, None], np.nan, px) for px in (z_px, any_row_px)
         )
     views = TimedViews(z_px), cov_px, TimedViews(any_row_px)
-    return AlignedViews(rows, in_view, points, *views, taken_px, exposures)
+    return AlignedViews(rows, in_view, points, *views, taken_px, *grey)

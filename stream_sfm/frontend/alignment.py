@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config, FrontendConfig
-from ..config.point_rules import TemplateRules
 from ..geometry import Array
 from ..geometry.resection import Resection
 from ..pictures.prepared import GreyImage, PreparedImages
 from ..record import changed, record
 from .learnt.noise import ViewNoise
-from .templates import SPACING_PX, TemplateAtlas
+from .rules import ErrorRules
+from .templates import SPACING_PX, TemplateAtlas, TemplateRules
 
 WIDE = 4  # image pixels per template pixel of wide templates, for nearly textureless surfaces
 
@@ -60,8 +60,8 @@ class TemplateAligner:
             scale,
             valid_area(valid, scale * radius_px),
             TemplateAtlas.empty(frontend.max_tracks, radius_px, of_bytes=scale == 1),
-            ViewNoise.unknown(config.rules.errors, frontend.smoothing_px, scale),
-            config.rules.templates,
+            ViewNoise.unknown(config.rules.of(ErrorRules), frontend.smoothing_px, scale),
+            config.rules.of(TemplateRules),
         )
 
     def in_images(self, images: PreparedImages, in_both: bool) -> Templates:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config.rules import FlowRules
 from ..geometry import Array
 from ..pictures.prepared import Image, PreparedImages
+from ..pictures.rules import FlowRules
 from .alignment import WIDE, TemplateAligner
 
 

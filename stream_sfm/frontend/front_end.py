@@ -15,10 +15,12 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..geometry import Array
 from ..geometry.resection import SecondMotion
+from ..geometry.robust_rules import RobustRules
 from ..geometry.view_stages import RawViews
 from ..pictures.checks import Suspicions
 from ..pictures.content import are_alike, image_note
 from ..pictures.prepared import PreparedImages
+from ..pictures.rules import ImageRules
 from ..record import changed
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
@@ -27,12 +29,14 @@ from .advance import Followed
 from .alignment import WIDE, TemplateAligner, valid_area
 from .learnt.disparity_error import DisparityError
 from .learnt.first_timing import learn_timing
-from .learnt.pair_check import PairCheck, PairFit, problem_of, resolution_problem
+from .learnt.pair_check import PairCheck, PairFit, PairRules, problem_of, resolution_problem
 from .learnt.right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
 from .learnt.rows import Rows
 from .learnt.template_errors import TemplateErrors, turn_of_slides
 from .learnt.timing import Timing
-from .new_points import begin_points, renews
+from .learnt.usual_turns import TurnRules
+from .new_points import PointRules, begin_points, renews
+from .rules import ErrorRules, MotionRules
 from .second_motions.ambiguity import AmbiguityMemory
 from .second_motions.overlays import are_laid_over
 from .second_motions.start_check import StartCheck
@@ -58,7 +62,7 @@ class StereoFrontEnd:
         radius_px, rules = config.frontend.window_radius_px, config.rules
         right_area = None if in_right is None else valid_area(in_right, radius_px)
         self.setup = Setup(projection, config, right_area, rectifier.raw_shifts_px)
-        self.problem = resolution_problem(rig, rules.pair)  # of the calibration, in every frame
+        self.problem = resolution_problem(rig, rules.of(PairRules))  # of the calibration, in every frame
         self.rig = RigModel.of(
             projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing, rectifier.by_focal
         )
@@ -66,12 +70,12 @@ class StereoFrontEnd:
             aligners={scale: TemplateAligner.empty(config, rectifier.valid, scale) for scale in (1, WIDE)},
             timing=Timing.unknown(projection, config.rig, rectifier.rows_of, rig.timing),
             rows=Rows.unknown(projection, config),
-            turn_watch=None if config.rig.exact else TurnWatch.begun(projection, rules.turn),
+            turn_watch=None if config.rig.exact else TurnWatch.begun(projection, rules.of(TurnRules)),
             disparity=DisparityError.of(self.rig),
-            errors=TemplateErrors.begun_by(rules.errors),
-            ambiguity=AmbiguityMemory.none(rules.motion),
-            start=StartCheck.of(rules.motion),
-            pair=PairCheck.of(rules.pair),
+            errors=TemplateErrors.begun_by(rules.of(ErrorRules)),
+            ambiguity=AmbiguityMemory.none(rules.of(MotionRules)),
+            start=StartCheck.of(rules.of(MotionRules)),
+            pair=PairCheck.of(rules.of(PairRules)),
             pictures=Suspicions.begun(rules),
         )
 
@@ -80,7 +84,7 @@ class StereoFrontEnd:
 
         Any thread may call it at any time and in any order, also for frames that are never stepped.
         """
-        if renews(frame_index, self.setup.rules.points.period):
+        if renews(frame_index, self.setup.rules.of(PointRules).period):
             _ = images.corner_strength  # computed now, kept for `step`
 
     def step(
@@ -98,7 +102,7 @@ class StereoFrontEnd:
             expected = None  # it starts at a frame other than the one that is followed from
         state, change = self._take_out_turn(state)
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
-        unconfirmed = bool(before.start.problem) and state.start.is_over and state.start.doubted
+        unconfirmed = bool(before.start.problem) and state.start.is_over and state.start.contradicted
         state, restarts = self._check(before, state, images, followed)
         if followed is None or restarts:
             state, observed = self._start_over(state, images, stamp_ns, wait=not restarts)
@@ -106,7 +110,7 @@ class StereoFrontEnd:
             state, observed = self._go_on(state, images, stamp_ns, followed)
             observed = replace(observed, unconfirmed=True) if unconfirmed else observed
         if change is not None and observed.rig is not None:
-            root = self.rig.root_of_turn(self.setup.rules.turn.std_rad)
+            root = self.rig.root_of_turn(self.setup.rules.of(TurnRules).std_rad)
             observed = replace(observed, rig=replace(observed.rig, change=change, change_root=root))
         return changed(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns), observed
 
@@ -139,7 +143,7 @@ class StereoFrontEnd:
             fit = PairFit.of(followed.found, projection, config, before.pair.missing)
         factor = state.aligners[1].noise.factor
         problem = self.problem or state.pictures.problem_of_pair
-        problem = problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
+        problem = problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.of(PairRules))
         pair, restarts = state.pair.after(problem, fit, state.next_id)
         return changed(state, pair=pair), restarts
 
@@ -147,7 +151,8 @@ class StereoFrontEnd:
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of a frame that was followed, with the points that begin in it."""
-        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.slide_px)
+        motion, blurred_px = followed.cam_from_previous, followed.blurred_px
+        drift_px = state.tracks.drift_px(motion, self.setup.slide_px, blurred_px)
         z_new, cov_new = RawViews(np.empty((0, 4))), np.empty((0, 4, 4))
         if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
             state, z_new, cov_new = begin_points(self.setup, state, images)
@@ -161,7 +166,7 @@ class StereoFrontEnd:
             z_px,
             cov_px,
             note or state.pictures.problem,
-            std_slides=(drifts_px, turn_of_slides(drift_px, f_px, self.setup.rules.errors.alike)),
+            std_slides=(drifts_px, turn_of_slides(drift_px, f_px, self.setup.rules.of(ErrorRules).alike)),
             cam_from_previous=followed.cam_from_previous,
             n_new=len(z_new),
             ambiguity=_ambiguity(followed.second, state),
@@ -176,14 +181,14 @@ class StereoFrontEnd:
         Without `wait`, the tracks are dropped at once.
         """
         rules, nothing = self.setup.rules, (RawViews(np.empty((0, 4))), np.empty((0, 4, 4)))
-        waits = wait and state.may_wait(stamp_ns, rules.motion.max_gap_s)
+        waits = wait and state.may_wait(stamp_ns, rules.of(MotionRules).max_gap_s)
         if waits and state.background_hidden:
             return self._observed(state, stamp_ns, *nothing, _HIDDEN)
         fresh, z_px, cov_px = begin_points(self.setup, state.lost(), images)
         note = self._note(fresh, images, z_px)
-        if waits and len(z_px) < self.setup.rules.robust.min_inliers:
+        if waits and len(z_px) < self.setup.rules.of(RobustRules).min_inliers:
             return self._observed(state, stamp_ns, *nothing, note)
-        jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.images.alike)
+        jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.of(ImageRules))
         if jumped:
             note = note or _JUMPED
         seen = _seen(fresh, images, stamp_ns, z_px)
@@ -226,14 +231,13 @@ class StereoFrontEnd:
 
     def _note(self, state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
         """Return what is wrong with the images, given the views (n, 4) of all tracks; or an empty string."""
-        rules = self.setup.rules.images
+        rules = self.setup.rules.of(ImageRules)
         points = state.tracks.points
         if np.count_nonzero(are_laid_over(self.setup, points)) > rules.overlay_share * len(points):
             return _LAID_OVER
         n_in_both = int(np.count_nonzero(np.isfinite(z_px[:, 2])))
-        return image_note(
-            images, state.previous, len(z_px), n_in_both, self.setup.rules.robust.min_inliers, rules.black_grey
-        )
+        enough = self.setup.rules.of(RobustRules).min_inliers
+        return image_note(images, state.previous, len(z_px), n_in_both, enough, rules)
 
     def _turn_note(self, watch: TurnWatch | None) -> str:
         """Return the note that the right camera seems to have turned, or an empty string."""
@@ -265,12 +269,12 @@ def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Arr
     return changed(state.followed_from(images, stamp_ns), pictures=pictures)
 
 
-def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
+def _ambiguity(second: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
     """Return why a frame's motion may not be the camera's: another one may be, or left and right are inconsistent."""
     misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
-    if other is not None:
+    if second is not None:
         repeats = state.ambiguity.repeats
-        return Ambiguity(other.cam_from_ref, other.cov_pose, misfit, other.lasted, of_start, repeats)
+        return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, second.lasted, of_start, repeats)
     return Ambiguity(misfit=True, of_start=of_start) if misfit else None
 
 

@@ -15,9 +15,12 @@ from ..geometry import Array
 from ..geometry.gates import chi2_gate
 from ..geometry.medians import median
 from ..geometry.resection import MANY_VIEWS, SecondMotion
+from ..geometry.robust_rules import RobustRules
+from ..pictures.rules import FlowRules
 from ..record import record
 from .alignment import Aligners
 from .flow import as_exposed, track, track_wide
+from .rules import MotionRules
 from .step import Step
 from .tracks import Tracks
 
@@ -43,7 +46,7 @@ def find_rough_motion(step: Step, aligners: Aligners, tracks: Tracks) -> RoughMo
     for motion in _found(step, aligners, tracks):
         if best is None or motion.agree.sum() > best.agree.sum():
             best = motion
-        if best.share > step.setup.rules.flow.enough:
+        if best.share > step.setup.rules.of(FlowRules).enough:
             return best
     return None if best is None or best.agree.sum() < MANY_VIEWS else best
 
@@ -51,8 +54,8 @@ def find_rough_motion(step: Step, aligners: Aligners, tracks: Tracks) -> RoughMo
 def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMotion]:
     """Yield the motion of each attempt that finds one."""
     projection, config, previous = step.setup.projection, step.setup.config, step.previous
-    flow = config.rules.flow
-    exposed, gate = as_exposed(previous, step.images, flow), chi2_gate(2, config.rules.robust.gate_probability)
+    flow, robust = config.rules.of(FlowRules), config.rules.of(RobustRules)
+    exposed, gate = as_exposed(previous, step.images, flow), chi2_gate(2, robust.gate_probability)
     # if half of the view is covered, mean and contrast change although the exposure does not
     before_halves = [exposed] if exposed is previous.left_half else [exposed, previous.left_half]
     attempts = _attempts(config.frontend.pyramid_levels, tracks, step)
@@ -69,10 +72,8 @@ def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMoti
             else:
                 by_flow = track_wide(aligner, flow, previous, step.images, before_px, near_px)
             at_px[rows], found[rows] = by_flow
-        seen = tracks.weights(step.setup.rules.motion), at_px, found
-        ok, motion, agree, share = core.motion_of_flow(
-            projection, tracks, *seen, start, flow.std_px, gate, config.rules.robust
-        )
+        seen = tracks.weights(step.setup.rules.of(MotionRules)), at_px, found
+        ok, motion, agree, share = core.motion_of_flow(projection, tracks, *seen, start, flow.std_px, gate, robust)
         if ok:
             yield RoughMotion(motion, at_px, agree, share)
 
@@ -82,7 +83,7 @@ def _attempts(near: int, tracks: Tracks, step: Step) -> Iterator[tuple[Array, in
 
     `near`: levels for a well-predicted motion.
     """
-    deep = near + step.setup.rules.flow.more_levels
+    deep = near + step.setup.rules.of(FlowRules).more_levels
     if step.is_predicted:
         yield step.predicted, near, 1.0
     yield step.predicted, deep, 1.0
@@ -90,7 +91,7 @@ def _attempts(near: int, tracks: Tracks, step: Step) -> Iterator[tuple[Array, in
         yield np.eye(4), deep, 1.0
     rho = median(tracks.points[:, 3])
     if rho > 0:
-        larger = step.setup.rules.flow.zoom
+        larger = step.setup.rules.of(FlowRules).zoom
         for zoom in (larger, 1 / larger):
             forward = np.eye(4)
             forward[2, 3] = -(1 - 1 / zoom) / rho  # points at the median depth grow by this factor

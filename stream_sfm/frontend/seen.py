@@ -6,12 +6,14 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry import Array
 from ..geometry.point_views import PointViews
+from ..geometry.robust_rules import RobustRules
 from ..geometry.view_stages import CorrectedViews, TimedViews
 from ..record import changed, record
 from ..rig_model.terms import by_turn
 from .aligned_views import AlignedViews
 from .learnt.usual_turns import ApparentTurns
 from .rough_motion import RoughMotion
+from .rules import MotionRules
 from .state import FrontEndState
 from .step import Step
 from .tracks import Tracks
@@ -44,8 +46,8 @@ class Seen:
         camera.
         """
         setup, motion = step.setup, rough.cam_from_previous
-        before, weights = state.tracks.keep(views.rows), state.tracks.weights(setup.rules.motion)
-        drift_px = setup.rules.motion.slides_most * core.template_drift(
+        before, weights = state.tracks.keep(views.rows), state.tracks.weights(setup.rules.of(MotionRules))
+        drift_px = setup.rules.of(MotionRules).slides_most * core.template_drift(
             views.points, motion, before.scale, setup.slide_px
         )
         cov_points = before.cov_points(setup.projection, drift_px)
@@ -70,7 +72,7 @@ class Seen:
             cov_points,
             CorrectedViews(views.z_px - known_px),
             views.cov_px,
-            setup.rules.robust,
+            setup.rules.of(RobustRules),
             unknown_px,
         )
         weight = float(weights[views.in_view].sum())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..camera.pixels import FEWEST_BITS
 from ..config import Config
-from ..config.rules import PairRules, Rules
+from ..config.rules import Rules
 from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..pictures.checks import Suspicions
@@ -19,11 +19,12 @@ from ..pictures.prepared import PreparedImages
 from ..record import changed, record
 from .alignment import Aligners
 from .learnt.disparity_error import DisparityError
-from .learnt.pair_check import PairCheck
+from .learnt.pair_check import PairCheck, PairRules
 from .learnt.right_turn import TurnWatch
 from .learnt.rows import Rows
 from .learnt.template_errors import TemplateErrors
 from .learnt.timing import Timing
+from .rules import ErrorRules
 from .second_motions.ambiguity import AmbiguityMemory
 from .second_motions.start_check import StartCheck
 from .second_motions.unsteadiness import Unsteadiness
@@ -59,7 +60,7 @@ class Setup:
     @property
     def slide_px(self) -> float:
         """The drift s r of eq. (17) of a template that changes completely, in template pixels."""
-        return self.rules.errors.slide * self.config.frontend.window_radius_px
+        return self.rules.of(ErrorRules).slide * self.config.frontend.window_radius_px
 
     def unseen_in_right(self, z_px: Array) -> NDArray[np.bool_]:
         """Return which views (n, 4) have a right side that a mask excludes from the scene."""

@@ -7,6 +7,7 @@ from ..geometry.resection import Resection
 from ..pictures.prepared import PreparedImages
 from ..record import record
 from ..types import ExpectedMotion
+from .rules import MotionRules
 from .second_motions.unsteadiness import Unsteadiness
 from .state import FrontEndState, Setup
 
@@ -57,7 +58,7 @@ class Step:
     def jumps(self, cam_from_previous: Array, std_change: Array) -> bool:
         """Whether a motion (4, 4) differs from the predicted one by more than changes of σ (6,) allow."""
         change = se3.log(se3.inverse(self.predicted) @ cam_from_previous)
-        return bool((np.abs(change) > self.setup.rules.motion.jump_sigmas * std_change).any())
+        return bool((np.abs(change) > self.setup.rules.of(MotionRules).jump_sigmas * std_change).any())
 
     def twist(self, velocity: Array, cam_from_previous: Array) -> Array:
         """Return the twist (6,) of the points at the end of the interval; `velocity` (6,): in the previous interval."""
@@ -89,7 +90,7 @@ class Step:
 
     def may_be(self, motion: Resection) -> bool:
         """Whether samples that have agreed with the images for a while, if there are any, allow a motion."""
-        rules = self.setup.rules.motion
+        rules = self.setup.rules.of(MotionRules)
         if self.by_inertia is None or not self.by_inertia.agreed:
             return True
         return self.distance2(motion) < rules.inertial_near + rules.inertial_apart
@@ -97,9 +98,9 @@ class Step:
     def is_sampled(self, motion: Resection) -> bool:
         """Whether a motion agrees with such samples, so that it is the camera's, however few views show it."""
         agreed = self.by_inertia is not None and self.by_inertia.agreed
-        return agreed and self.distance2(motion) < self.setup.rules.motion.inertial_near
+        return agreed and self.distance2(motion) < self.setup.rules.of(MotionRules).inertial_near
 
     def is_carried(self, motion: Resection) -> bool:
         """Whether a motion agrees with samples from before the map began, so that it is not that of a body."""
         carried = self.by_inertia is not None and self.by_inertia.carried
-        return carried and self.distance2(motion) < self.setup.rules.motion.inertial_near
+        return carried and self.distance2(motion) < self.setup.rules.of(MotionRules).inertial_near

@@ -12,7 +12,8 @@ from .advance import Followed, advance, learn
 from .aligned_views import align
 from .learnt.first_timing import first_timed
 from .rough_motion import find_rough_motion
-from .second_motions.motion_choice import choose, is_scene_hidden, of_background
+from .rules import MotionRules
+from .second_motions.motion_choice import choose, is_scene_hidden
 from .second_motions.overlays import overlays
 from .second_motions.repetition import smaller_of_alike
 from .seen import Seen
@@ -41,7 +42,7 @@ def follow(
         rough = find_rough_motion(step, state.aligners, state.tracks)
         if rough is None:
             return state, None
-    rough = smaller_of_alike(step, state, of_background(step, state, rough))
+    rough = smaller_of_alike(step, state, rough)
     twist = step.twist(state.velocity, rough.cam_from_previous)
     state = first_timed(setup.projection, state, step.first_twist(twist, rough.cam_from_previous))
     views = align(setup, state, images, rough, twist)
@@ -80,7 +81,7 @@ def _agreed_motion(
 
     It is None if too few agree, or if a body hides the background. Its gate decides which tracks survive.
     """
-    rules = step.setup.rules.motion
+    rules = step.setup.rules.of(MotionRules)
     motion = resect(seen.point_views, start, seen.weights, step.predicted if rules.one_body else None)
     if not rules.poor_frames:
         motion = changed(motion, spread=1.0)

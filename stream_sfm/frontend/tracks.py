@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config.rules import MotionRules
 from ..geometry import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection, velocities
 from ..record import changed, columns_at, record
+from .rules import MotionRules
 
 
 @record
@@ -23,8 +23,9 @@ class Tracks:
     own chain of motions; `anchor_rays` (n, 2): (X/Z, Y/Z) of the template's centre, exact by definition;
     `anchor_velocity_px_s` (n, 2): its velocity in the left image; `slopes` (n, 2): ∂(1/Z)/∂(X/Z, Y/Z) of the surface,
     1/m; `scale` (n,): image pixels per pixel of the template, 1 or `WIDE`; `exposures` (n, 2): gain and offset of grey
-    values in the last left image over those of the template. `agreed` (n,): in how many frames the track agreed with
-    the motion, halved each time it did not.
+    values in the last left image over those of the template; `contrast` (n,): of the patch there over that of the
+    template, relative to the mean grey values, NaN before the second view. `agreed` (n,): in how many frames the track
+    agreed with the motion, halved each time it did not.
     """
 
     ids: NDArray[np.int64]
@@ -38,6 +39,7 @@ class Tracks:
     anchor_velocity_px_s: Array
     slopes: Array
     exposures: Array
+    contrast: Array
     scale: NDArray[np.int64]
     agreed: NDArray[np.int64]
 
@@ -56,6 +58,7 @@ class Tracks:
             anchor_velocity_px_s=np.empty((0, 2)),
             slopes=np.empty((0, 2)),
             exposures=np.empty((0, 2)),
+            contrast=np.empty(0),
             scale=np.empty(0, np.int64),
             agreed=np.empty(0, np.int64),
         )
@@ -69,14 +72,14 @@ class Tracks:
             return self
         return Tracks(*columns_at(_COLUMNS(self), rows))
 
-    def drift_px(self, cam_from_previous: Array, slide_px: float) -> Array:
-        """Return σ (n,) px of the template drift since the last frame, eq. (17).
+    def drift_px(self, cam_from_previous: Array, slide_px: float, blurred_px: Array | float) -> Array:
+        """Return σ (n,) px of the template drift since the last frame, eqs. (17) and (17c).
 
         The warp models pose and depth, but not the whole surface. A change of viewing direction or distance by |t|/Z
         changes the patch by as much, and part of this looks like motion of the point. `slide_px`: that part of the
-        half width of templates, in their pixels.
+        half width of templates, in their pixels; `blurred_px` (n,): σ by a change of sharpness.
         """
-        return core.template_drift(self.points, cam_from_previous, self.scale, slide_px)
+        return np.hypot(core.template_drift(self.points, cam_from_previous, self.scale, slide_px), blurred_px)
 
     def missing(self, wanted: int) -> int:
         """Return how many tracks with ordinary templates are missing."""

@@ -10,6 +10,9 @@ import numpy as np
 from .. import core
 from .se3 import Array
 
+# m², rad², or of an amplitude: added where something is known by definition, such as the first camera, so that its
+# covariance has a root and an inverse. A micrometre and a microradian are far below the error of any estimate.
+LEAST_VARIANCE = 1e-12
 _PANEL = 48  # columns; measured: the fewest that a product is fast with
 
 

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config.robust_rules import RobustRules
 from .gates import chi2_gate
+from .robust_rules import RobustRules
 from .se3 import Array
 from .stereo import StereoProjection
 from .view_stages import CorrectedViews

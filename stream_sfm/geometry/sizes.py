@@ -14,21 +14,21 @@ from .se3 import Array
 # Multiples of the assumed σ. With factors of 2 instead of 4 most frames of a motorway drive count as larger than they
 # are: it errs by 89 mm instead of 32.
 SIZES: Array = 4.0 ** np.arange(4.0)
-# Of a size before any frame, and of one that is drawn anew: a single frame may be far off.
+# Of a size before any frame, and of one that is drawn again: a single frame may be far off.
 _DRAWN = np.array([0.9, 0.07, 0.02, 0.01])
-_DRAWN_ANEW = 0.05  # probability per frame: a rig shakes for about a second at a time
+REDRAWN = 0.05  # probability per frame: a rig shakes, and a lens focuses, for about a second at a time
 
 
 @record
 class Sizes:
-    """The `probabilities` (k,) of `SIZES` in the latest frame. A size stays, or is drawn anew."""
+    """The `probabilities` (k,) of `SIZES` in the latest frame. A size stays, or is drawn again."""
 
     probabilities: Array = field(default_factory=lambda: _DRAWN)
 
     @property
     def log_prior(self) -> Array:
         """The log probabilities (k,) in the next frame, before it is seen."""
-        return np.asarray(np.log((1 - _DRAWN_ANEW) * self.probabilities + _DRAWN_ANEW * _DRAWN))
+        return np.asarray(np.log((1 - REDRAWN) * self.probabilities + REDRAWN * _DRAWN))
 
     def after(self, log_likelihoods: Array) -> "Sizes":
         """Return the sizes after a frame with these log likelihoods (k,) of each size."""

@@ -5,7 +5,7 @@ from ..record import record
 
 @record
 class SampleSettings:
-    """Settings for all units; those of the window are in `config/inertia_rules.py`."""
+    """Settings for all units; those of the window are in its `inertia/rules.py`."""
 
     kept_s: float = 12.0  # of samples; a longer interval is not bridged
     waiting: int = 100_000  # waiting samples before the oldest are dropped: more than a minute of any unit

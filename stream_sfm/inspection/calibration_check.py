@@ -17,7 +17,7 @@ from ..camera.lens import rays_of
 from ..camera.models import Camera
 from ..camera.rig import StereoRig
 from ..config import Config
-from ..frontend.learnt.pair_check import rows_problem
+from ..frontend.learnt.pair_check import PairRules, rows_problem
 from ..frontend.learnt.rows import Rows
 from ..geometry import Array
 from ..geometry.medians import MAD_TO_STD, median
@@ -114,7 +114,7 @@ def _rows_problem(rig: StereoRig, left: Array, vertical_px: Array) -> str:
     projection = StereoProjection(k[0, 0], k[0, 2], k[0, 2], k[1, 2], rig.baseline_m, *size)
     rows = Rows.unknown(projection, config)
     left_px = k[0, 0] * left + k[:2, 2]
-    return rows_problem(rows.learnt(left_px, vertical_px, np.zeros(len(left))), config.rules.pair)
+    return rows_problem(rows.learnt(left_px, vertical_px, np.zeros(len(left))), config.rules.of(PairRules))
 
 
 def matched_corners(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Corners:

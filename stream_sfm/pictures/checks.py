@@ -13,10 +13,11 @@ from ..config.rules import Rules
 from ..geometry import Array
 from ..geometry.evidence import Evidence
 from ..record import changed, record
-from .ghosts import Ghosts
+from .ghosts import GhostRules, Ghosts
 from .interlacing import Interlaced
 from .one_image import OneImage
 from .prepared import PreparedImages
+from .rules import ImageRules
 from .view import View
 
 
@@ -41,12 +42,12 @@ class Check(Protocol):
 
 def checks(rules: Rules) -> tuple[Check, ...]:
     """Return all checks."""
-    return Ghosts(rules.ghosts), OneImage(rules.images), Interlaced()
+    return Ghosts(rules.of(GhostRules)), OneImage(rules.of(ImageRules)), Interlaced()
 
 
 @record
 class Suspicion:
-    """What a check has found: its evidence, the number of frames that said something, and how many it leaves out."""
+    """What a check has found: its evidence, the number of informative frames, and how many it leaves out."""
 
     check: Check
     evidence: Evidence
@@ -66,7 +67,7 @@ class Suspicions:
     @classmethod
     def begun(cls, rules: Rules) -> "Suspicions":
         """Return the state before the first frame."""
-        images = rules.images
+        images = rules.of(ImageRules)
         none = Evidence(images.bound_nats, images.first_looks)
         return cls(tuple(Suspicion(check, none) for check in checks(rules)), (), images.first_looks, images.every)
 

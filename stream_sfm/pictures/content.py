@@ -5,18 +5,19 @@ import numpy as np
 
 from ..geometry.medians import median
 from .prepared import Image, PreparedImages
+from .rules import ImageRules
+from .torn import torn
 
 
-def are_alike(images: PreparedImages, previous: PreparedImages, alike: float) -> bool:
+def are_alike(images: PreparedImages, previous: PreparedImages, rules: ImageRules) -> bool:
     """Return whether the left image has about the sharpness and contrast of the previous one.
 
-    If so, points of the previous image would be found again if the place were the same. `alike`: least ratio of their
-    contrasts and of their sharpness.
+    If so, points of the previous image would be found again if the place were the same.
     """
     contrast, before = (float(x.left.astype(np.float32).std()) for x in (images, previous))
     edges, edges_before = _edges(images.left) * before, _edges(previous.left) * contrast
-    return min(contrast, before) > alike * max(contrast, before) and (
-        min(edges, edges_before) > np.sqrt(alike) * max(edges, edges_before)
+    return min(contrast, before) > rules.alike * max(contrast, before) and (
+        min(edges, edges_before) > np.sqrt(rules.alike) * max(edges, edges_before)
     )
 
 
@@ -30,18 +31,18 @@ def image_note(
     n_tracked: int,
     n_in_both: int,
     enough: int,
-    black_grey: int,
+    rules: ImageRules,
 ) -> str:
     """Return what is wrong with the images, or an empty string.
 
     `n_tracked` points are tracked in the left image, and `n_in_both` of them are matched in the right one. If there are
-    fewer than `enough`, the images are examined for the cause: one without a pixel of `black_grey` is black.
+    fewer than `enough`, the images are examined for the cause.
     """
     if n_in_both < enough:
         for name, image in (("left", images.left), ("right", images.right)):
-            if problem := _without_contrast(image, black_grey):
+            if problem := _without_contrast(image, rules.black_grey):
                 return f"the {name} image is {problem}"
-    if problem := frozen(images, previous):
+    if problem := frozen(images, previous) or torn(images, previous, rules.slope_grey):
         return problem
     if n_in_both >= enough:
         return ""

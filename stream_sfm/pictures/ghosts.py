@@ -17,18 +17,43 @@ pixels, dust, and the effect of sampling on fine texture are the same in both di
 The control with less evidence counts.
 """
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config.picture_rules import GhostRules
+from ..config.section import Section, expert
 from ..geometry import Array
 from ..geometry.evidence import log_ratio
 from ..record import record
 from .prepared import PreparedImages
 from .view import View
+
+
+class GhostRules(Section, frozen=True, kw_only=True):
+    """Whether earlier images show through."""
+
+    # Slower views look too alike to tell; with 0.7 hardly more ghosts are found.
+    least_px: Annotated[float, expert("least motion between two frames of an examined patch, px", 0.1, 1000)] = 1.5
+    # By then the motion has changed, but the view of the point hardly.
+    back_frames: Annotated[int, expert("frames between the two views of a patch that are compared", 1, 100)] = 4
+    # Each costs about 6 µs.
+    patches: Annotated[int, expert("most patches of a frame", 1, 2000)] = 64
+    fewest: Annotated[int, expert("least patches of a frame that says anything", 1, 2000)] = 5
+    # What rounding leaves in smoothed images.
+    noise_grey: Annotated[float, expert("least σ of what is left of a patch", 0.1, 1000)] = 1.0
+    least_square: Annotated[float, expert("least square of a change of a patch", 1e-12, 1e6)] = 1e-3
+    # Cameras that average frames mix 0.15 and more, of which a quarter shows where motion hardly changes.
+    share: Annotated[float, expert("least share of the previous image that counts as showing through", 0, 1)] = 0.04
+    # In 330 frames of sound logs, real and rendered, none then has more than 3 nats. With noise reduction of 0.2
+    # to 0.5, two moving frames have 12.
+    std_share: Annotated[
+        float, expert("σ of the share of the previous image from frame to frame in sound images", 1e-6, 1)
+    ] = 0.02
+    # On a road, 0.59 of the frames are so.
+    steady: Annotated[float, expert("share of frames whose steady motion hides a ghost", 1e-3, 0.999)] = 0.6
+
 
 _NOTHING = np.zeros((2, 5))
 

@@ -4,9 +4,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..config.picture_rules import ImageRules
 from ..record import record
 from .prepared import PreparedImages
+from .rules import ImageRules
 from .view import View
 
 _CERTAIN_NATS = 100.0  # two cameras deliver no such images, and one camera only such

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config.rules import FlowRules
+from .rules import FlowRules
 
 Image = NDArray[np.uint8]
 GreyImage = NDArray[np.uint8] | NDArray[np.float32]

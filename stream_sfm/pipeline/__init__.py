@@ -11,7 +11,7 @@ functions of a record that they replace, `FrontEndState` and `WindowState`, and 
     -------------------------------  ---------------------------  ---------------------------
     expect a motion                  Step.of                      inertia.enter
     see the points again             find_rough_motion            points_seen_again
-    drop what is not the scene       overlays, of_background      (known from earlier frames)
+    drop what is not the scene       overlays                     (known from earlier frames)
     expect each view                 first_timed, align           expect, _corrected
     agree on a motion                _agreed_motion               initial_motion
     let the cameras explain more     _without_turned              weigh_unknowns

@@ -18,9 +18,11 @@ from ..errors import FrameError
 from ..frontend.front_end import StereoFrontEnd
 from ..frontend.state import FrontEndState
 from ..geometry.resection import MANY_VIEWS
+from ..geometry.robust_rules import RobustRules
 from ..geometry.stereo import StereoProjection
 from ..inertial.samples import ImuSamples
 from ..pictures.prepared import Delivered, PreparedImages
+from ..pictures.rules import FlowRules, ImageRules
 from ..record import changed
 from ..rig_model.estimate import RigEstimate
 from ..system.wording import described
@@ -53,10 +55,9 @@ class Observer:
         self.projection: StereoProjection = self.rectifier.projection
         self._frontend = _front_end(self.rig, self.rectifier, config)
         self.state: FrontEndState = self._frontend.start
-        self._smoothing_px, self._rules = config.frontend.smoothing_px, config.rules
-        self._made_by = (
-            f"{self.rectifier.fingerprint} {self._smoothing_px} {config.rules.images} {config.rules.flow}"
-        )
+        self._smoothing_px, rules = config.frontend.smoothing_px, config.rules
+        self._images, self._flow, self._robust = rules.of(ImageRules), rules.of(FlowRules), rules.of(RobustRules)
+        self._made_by = f"{self.rectifier.fingerprint} {self._smoothing_px} {self._images} {self._flow}"
         self.physical = PhysicalEstimates(self.rectifier, self._frontend, config.rig, self.rig.unscaled)
         imu = self.rig.imu if isinstance(self.rig, StereoRig) and config.imu.enabled else None
         self._imu = None if imu is None else imu.mounted_in(self.rectifier.rect_from_cam[:3, :3])
@@ -128,7 +129,7 @@ class Observer:
         """
         after, seen = self._frontend.step(state, images, stamp_ns, expected)
         n, n_in_both = _followed(seen)
-        enough, alike = self._rules.robust.min_inliers, frame.images[0].shape == frame.images[-1].shape
+        enough, alike = self._robust.min_inliers, frame.images[0].shape == frame.images[-1].shape
         if n < MANY_VIEWS or n_in_both >= enough or state.pair.problem or not alike or len(self.rig.cameras) == 1:
             return after, seen
         exchanged = self._prepared(frame, state.frame_index, images.grey_bits, exchanged=True)
@@ -179,8 +180,8 @@ class Observer:
             stamp_ns=frame.stamp_ns,
             grey_bits=bits,
             made_by=self._made_by,
-            delivered=Delivered.of(sides[0], sides[-1], self._rules.images.spacing_px) if pair else None,
-            rules=self._rules.flow,
+            delivered=Delivered.of(sides[0], sides[-1], self._images.spacing_px) if pair else None,
+            rules=self._flow,
         )
         if frame_index is not None:
             self._frontend.prepare(prepared, frame_index)

@@ -3,12 +3,10 @@
 import numpy as np
 
 from ..geometry import Array, se3
-from ..geometry.linear import symmetric
+from ..geometry.linear import LEAST_VARIANCE, symmetric
 from ..motion import UNSEEN, Motion
 from ..types import FrameEstimate, Status
 from .settings import SETTINGS
-
-LEAST_VARIANCE = 1e-12  # m² and rad²: for a motion that is known by definition, so that it can be inverted
 
 
 class Chain:

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from ..errors import ConfigError
 from ..geometry import Array, se3
-from ..geometry.linear import symmetric
+from ..geometry.linear import LEAST_VARIANCE, symmetric
 from ..motion import Motion
 from ..record import record
-from .chain import LEAST_VARIANCE, positive
+from .chain import positive
+from .settings import SETTINGS
 
 try:
     import gtsam
@@ -28,11 +29,7 @@ except ImportError:  # reported when a map is made
     gtsam = None  # type: ignore[assignment]
 
 _ORDER = np.r_[3:6, 0:3]  # GTSAM has rotation before translation
-# Loops first get ten times their σ: GTSAM's annealing starts with residuals of at most 1000 σ, which true loops
-# exceed after bad odometry; three of eight such graphs lost every loop.
-_SPREADS = (10.0, 1.0)
 _NO_WAY = Motion(np.eye(4), np.zeros((6, 6)))
-_OUTDATED = 0.5  # change of a common error, in units of its previous σ
 
 
 @record
@@ -206,13 +203,13 @@ class PoseGraph:
         grown = np.where(later, turned, self._chain[to]) - np.where(later, self._chain[to], turned)
         return positive(grown), jacobian
 
-    def close(self, loops: Sequence[Loop], doubtful: bool) -> list[Loop]:
-        """Add loops and solve; `doubtful`: they may be false, so all are judged. Returns rejected loops."""
+    def close(self, loops: Sequence[Loop], uncertain: bool) -> list[Loop]:
+        """Add loops and solve; `uncertain`: they may be false, so all are judged. Returns rejected loops."""
         joins = [loop for loop in loops if self._join(loop)]
         self.loops += loops
         self._asked += loops
         refused: list[Loop] = []
-        if doubtful and (refused := self._false()):
+        if uncertain and (refused := self._false()):
             self.loops = [loop for loop in self.loops if loop not in refused]
         if joins or refused:
             self.solve()
@@ -253,7 +250,7 @@ class PoseGraph:
     def _update(self) -> None:
         """Give iSAM2 everything new since the last call, and take its poses."""
         mean, std = self._solved_with
-        outdated = len(mean) != len(self._mean) or (np.abs(self._mean - mean) > _OUTDATED * std).any()
+        outdated = len(mean) != len(self._mean) or (np.abs(self._mean - mean) > SETTINGS.outdated * std).any()
         if self._isam is None or (self._solved and outdated):
             self.solve()
             return
@@ -296,7 +293,7 @@ class PoseGraph:
     def _false(self) -> list[Loop]:
         """Return the loops that graduated non-convexity rejects."""
         kept, values = list(self.loops), None
-        for spread in _SPREADS:
+        for spread in SETTINGS.spreads:
             if not kept:
                 break
             factors, start, sure = self._problem(0, kept, spread)

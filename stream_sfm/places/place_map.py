@@ -24,6 +24,7 @@ from ..camera.unseen_errors import PhysicalAxes
 from ..config import Config
 from ..errors import ConfigError
 from ..geometry import Array, se3
+from ..geometry.robust_rules import RobustRules
 from ..motion import UNSEEN, Motion
 from ..system.blas import one_thread
 from ..types import Frame, FrameEstimate, Trajectory
@@ -34,8 +35,6 @@ from .keyframes import Keyframe, make_keyframe
 from .map_file import load_map, save_map
 from .settings import SETTINGS
 from .verifying import Seen, Verifier
-
-MAX_KEYFRAMES = 1000  # some 60 MB
 
 
 class _Found(NamedTuple):
@@ -75,7 +74,7 @@ class PlaceMap:
         config: Config | None = None,
         *,
         wait: bool = False,
-        max_keyframes: int = MAX_KEYFRAMES,
+        max_keyframes: int = SETTINGS.max_keyframes,
         known: str | Path | None = None,
     ) -> None:
         if not isinstance(rig, StereoRig) or (config is not None and config.mono):
@@ -87,7 +86,7 @@ class PlaceMap:
         config = config or Config()
         self._rectifier = Rectifier(masked_by(config, rig))
         self._rect_from_cam = se3.from_rotation_translation(self._rectifier.rect_from_cam, np.zeros(3))
-        self._gate = float(chdtri(6, 1 - config.rules.robust.gate_probability))  # χ² of equal motions
+        self._gate = float(chdtri(6, 1 - config.rules.of(RobustRules).gate_probability))  # χ² of equal motions
         errors, rect_from_cam = config.rig, self._rectifier.rect_from_cam
         self._axes = self._axes_with_unseen = PhysicalAxes(rect_from_cam)
         if not errors.exact:
@@ -289,13 +288,13 @@ class PlaceMap:
         sure = {old: link for old, link in near.items() if not self._is_ambiguous(link.cov, keyframe.depth_m)}
         for old in apart(sure, SETTINGS.candidates, SETTINGS.apart):
             if (loop := self._verified(old, number, seen, sure[old])) and self._same(sure[old], loop.motion):
-                self._graph.close([loop], doubtful=False)
+                self._graph.close([loop], uncertain=False)
                 return
         elsewhere = np.flatnonzero(~graph.in_world_of(number))
-        doubtful = {*near} - {*sure} | {graph.numbers[row] for row in elsewhere}
-        alike = self._words.alike(keyframe.descriptors, doubtful) if doubtful else ()
+        uncertain = {*near} - {*sure} | {graph.numbers[row] for row in elsewhere}
+        alike = self._words.alike(keyframe.descriptors, uncertain) if uncertain else ()
         found = [self._verified(old, number, seen) for old in apart(alike, SETTINGS.candidates, SETTINGS.apart)]
-        self._close_doubtful([loop for loop in found if loop is not None])
+        self._close_uncertain([loop for loop in found if loop is not None])
 
     def _by_detour(self, number: int) -> NDArray[np.bool_]:
         """Return from which nodes (n,) the camera has come by a detour."""
@@ -313,7 +312,7 @@ class PlaceMap:
         poses, covs, _ = self._axes.motions(found.earlier_from_newest[None], found.cov[None])
         return Loop(old, new, Motion(poses[0], covs[0]))
 
-    def _close_doubtful(self, loops: list[Loop]) -> None:
+    def _close_uncertain(self, loops: list[Loop]) -> None:
         """Keep a loop until others agree with it, then close them all; candidates for two places are ignored."""
         if not loops or any(self._are_rivals(loops[0], other) for other in loops[1:]):
             return
@@ -324,7 +323,7 @@ class PlaceMap:
             return
         chosen = [*agreeing, loop]
         self._pending = [other for other in self._pending if other not in chosen]
-        self._graph.close(chosen, doubtful=True)
+        self._graph.close(chosen, uncertain=True)
 
     def _agree(self, a: Loop, b: Loop) -> bool:
         """Whether two loops agree, by the motions between their ends."""

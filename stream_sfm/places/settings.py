@@ -59,8 +59,13 @@ class PlaceSettings:
     # What counts as a loop.
     agreeing: int = 3  # loops of different keyframes, if another place is possible
     max_pending: int = 30  # loops that wait for others that agree
+    # Loops first get ten times their σ: GTSAM's annealing starts with residuals of at most 1000 σ, which true loops
+    # exceed after bad odometry; three of eight such graphs lost every loop.
+    spreads: tuple[float, float] = (10.0, 1.0)
+    outdated: float = 0.5  # change of a common error since the last solution, in units of its σ then
     search_frames: int = 30  # after a loss, in which keyframes are due sooner; later only if a place looks familiar
     waiting: int = 2  # keyframes, one of which is being processed
+    max_keyframes: int = 1000  # some 60 MB
     thinned: float = 0.1  # of all keyframes, at once, if there are too many
 
 

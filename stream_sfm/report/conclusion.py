@@ -11,6 +11,7 @@ import numpy as np
 
 from ..evaluation.drift import KINDS, Compared, of_interval
 from ..evaluation.figures import NEES_INTERVAL
+from ..evaluation.paired import outcome_of
 from ..evaluation.relative import paired_ratio
 from ..methods import REFERENCE, REPLAYED, key_of
 from ..system.wording import in_a_row
@@ -37,14 +38,10 @@ def verdict_of(methods: Mapping[str, Compared]) -> dict[str, Any] | None:
 
 
 def decided(ratios: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, Any]:
-    """Return the `ratios` by method and kind with who is ahead of the window, behind it, or neither.
-
-    A method is ahead if one interval is below 1 and the other not above, `mixed` if they contradict each other.
-    """
+    """Return the `ratios` by method and kind with who is ahead of the window, behind it, or neither."""
     found: dict[str, list[str]] = {"ahead": [], "behind": [], "mixed": [], "level": []}
     for key, both in ratios.items():
-        better, worse = any(r["ci95"][1] < 1 for r in both.values()), any(r["ci95"][0] > 1 for r in both.values())
-        found["mixed" if better and worse else "ahead" if better else "behind" if worse else "level"].append(key)
+        found[outcome_of([ratio["ci95"] for ratio in both.values()])].append(key)
     return {"ratios": ratios, **found}
 
 

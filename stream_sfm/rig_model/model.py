@@ -8,15 +8,15 @@ from ..camera.over_image import ExposedRows, FocalEffect
 from ..camera.refinement import KnownTiming, Refinement
 from ..config import RigConfig
 from ..geometry import Array
+from ..geometry.linear import LEAST_VARIANCE
 from ..geometry.stereo import StereoProjection, places_over_image
 from ..geometry.view_stages import RawViews
 from ..record import changed, record
-from .estimate import CERTAIN, Amplitudes, RigEstimate
+from .estimate import Amplitudes, RigEstimate
 from .field import NO_FIELD, WORTH_ESTIMATING, Field, field_over
 from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
 _FOCAL, _FOCUSING = TERMS.index(FOCAL), TERMS.index(FOCUSING)
-LEAST_VARIANCE = 1e-12  # of an amplitude, so that a known one has a root too
 _LEAST_COV = LEAST_VARIANCE * np.eye(2)
 # The coordinates of a view (u_left, v_left, u_right, v_right) that the three parts of the field shift: the disparity,
 # and u and v of both sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with
@@ -180,23 +180,6 @@ class RigModel:
         """Return a root (m, 3) of the covariance of amplitudes by a rotation of the right camera, σ about each axis."""
         root = np.zeros((len(self), 3))
         root[: len(TERMS)] = np.linalg.solve(self.root, std_rad * terms_of_turn(self.projection))
-        return root
-
-    def focus_moves(self, mean: Array, cov: Array) -> bool:
-        """Whether the focal length certainly changes, by N(`mean`, `cov`) of the amplitudes."""
-        return bool(abs(mean[_FOCUSING]) > CERTAIN * np.sqrt(cov[_FOCUSING, _FOCUSING]))
-
-    def root_of_focusing(self, mean: Array, cov: Array, age_s: float, passed_s: float) -> Array:
-        """Return a root (m, 1) of the covariance of amplitudes by a focus that moves unsteadily, eq. (72g).
-
-        It is 0 unless the focal length certainly changes. The focal length at `age_s` does not change.
-        """
-        root, unit = np.zeros((len(self), 1)), np.diag(self.root)
-        if self.focus_moves(mean, cov):
-            root[_FOCUSING] = mean[_FOCUSING] * np.sqrt(
-                passed_s
-            )  # over 1 s: an autofocus moves for about that time
-            root[_FOCAL] = -age_s * root[_FOCUSING] * unit[_FOCUSING] / unit[_FOCAL]
         return root
 
     def as_refined(self, z_px: RawViews) -> RawViews:

@@ -5,8 +5,9 @@ import pytest
 
 from stream_sfm.camera.lens import project_into_image, rays_of
 from stream_sfm.camera.models import Camera
-from stream_sfm.camera.rectification import VIRTUAL_BASELINE, Rectifier
+from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.camera.rig import MonoRig, StereoRig
+from stream_sfm.camera.settings import SETTINGS
 from stream_sfm.errors import ConfigError
 from stream_sfm.geometry import se3
 from tests.helpers.wall import rig
@@ -147,7 +148,7 @@ def test_one_camera_keeps_its_axes_and_gets_a_virtual_right_one() -> None:
     camera = rig().left
     rectifier = Rectifier(MonoRig(camera))
     p = rectifier.projection
-    assert p.virtual_right and p.baseline_m == VIRTUAL_BASELINE and p.cx_left_px == p.cx_right_px
+    assert p.virtual_right and p.baseline_m == SETTINGS.virtual_baseline and p.cx_left_px == p.cx_right_px
     assert np.array_equal(rectifier.rect_from_cam, np.eye(3))
     image = np.zeros((camera.height, camera.width), np.uint8)
     assert len(rectifier.rectify(image)) == 1

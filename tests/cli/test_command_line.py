@@ -19,6 +19,7 @@ from stream_sfm.cli.main import COMMANDS, build_app, main
 from stream_sfm.cli.options import Method
 from stream_sfm.cli.usage import COMMANDS as HINTED_COMMANDS
 from stream_sfm.config import Config, FrontendConfig, WindowConfig, read_config
+from stream_sfm.geometry.robust_rules import RobustRules
 from tests.helpers.stereo_logs import Spec, write_log
 from tests.helpers.wall_log import write_wall_log
 
@@ -167,7 +168,7 @@ def test_json_is_one_object_and_nothing_else_and_tables_say_what_matters(wall_lo
     assert summary["complete"] is True and summary["frames"]["estimated"] == 12
     assert summary["out"] == str(tmp_path / "o") and summary["method"] == "frame-to-frame"
     used = read_config(tmp_path / "o" / "config.toml")
-    assert (used.window.frames, used.rules.robust.min_inliers, used.method) == (5, 9, "frame-to-frame")
+    assert (used.window.frames, used.rules.of(RobustRules).min_inliers, used.method) == (5, 9, "frame-to-frame")
     said = cli("replay", wall_log, "--out", tmp_path / "o", "-v", *FAST)
     assert "12 estimated of 12 paired" in said.out and "final drift" in said.out
     assert "frame 0: initialising" in said.err and "frame 1: ok" in said.err

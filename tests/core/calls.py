@@ -6,11 +6,13 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 
-from stream_sfm.config.point_rules import PointRules, TemplateRules
-from stream_sfm.config.robust_rules import RobustRules
-from stream_sfm.config.rules import ErrorRules, RowRules
 from stream_sfm.core import _core as core
+from stream_sfm.frontend.learnt.rows import RowRules
+from stream_sfm.frontend.new_points import PointRules
+from stream_sfm.frontend.rules import ErrorRules
+from stream_sfm.frontend.templates import TemplateRules
 from stream_sfm.geometry.resection import Wanted
+from stream_sfm.geometry.robust_rules import RobustRules
 from stream_sfm.rig_model.terms import TERMS
 
 RNG = np.random.default_rng(0)

@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from stream_sfm.config.point_rules import TemplateRules
 from stream_sfm.core import _core as core
+from stream_sfm.frontend.templates import TemplateRules
 from stream_sfm.geometry.stereo import information_of_views
 from tests.core.calls import (
     CALLS,

@@ -9,11 +9,11 @@ import trimesh
 
 from stream_sfm import Camera, StereoRig, import_images, open_log
 from stream_sfm.camera.rectification import Rectifier
-from stream_sfm.config.dense_rules import DenseRules
 from stream_sfm.dense import voxels
 from stream_sfm.dense.disparity import DenseStereo, DisparityMap, refine
 from stream_sfm.dense.fusion import Fusion
 from stream_sfm.dense.mesh import Mesh, mesh_of_frame, write_ply
+from stream_sfm.dense.rules import DenseRules
 from stream_sfm.dense.surface import surface
 from stream_sfm.evaluation.structure import structure_errors
 from stream_sfm.geometry import se3

@@ -5,7 +5,7 @@ import pytest
 
 from stream_sfm.config import MotionConfig
 from stream_sfm.estimators.accelerations import Accelerations
-from stream_sfm.estimators.motion_model import Doubts, MotionModel
+from stream_sfm.estimators.motion_model import MotionModel, Unreliable
 from stream_sfm.geometry import se3
 
 ASSUMED = np.full(6, 3.0)
@@ -40,7 +40,7 @@ def test_poses_that_may_be_wrong_and_new_maps_teach_nothing() -> None:
     model, stamps_ns = MotionModel(MotionConfig()), 50_000_000 * np.arange(20)
     model.restart(0, np.eye(4), np.zeros((6, 6)))
     for k, stamp_ns in enumerate(stamps_ns[1:].tolist()):
-        model.add(stamp_ns, se3.exp(np.r_[k % 2, np.zeros(5)]), np.zeros((6, 6)), Doubts(misfit=True))
+        model.add(stamp_ns, se3.exp(np.r_[k % 2, np.zeros(5)]), np.zeros((6, 6)), Unreliable(misfit=True))
     for k, stamp_ns in enumerate((stamps_ns[-1] + stamps_ns[1:]).tolist()):
         model.restart(stamp_ns, se3.exp(np.r_[k % 2, np.zeros(5)]), np.zeros((6, 6)))
     before = model.predict(stamp_ns)[1]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config, RigConfig, WindowConfig
-from stream_sfm.config.rules import TurnRules
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.window.cross_frame import CrossFrame
 from stream_sfm.estimators.window.rig_state import RigState
+from stream_sfm.frontend.learnt.usual_turns import TurnRules
 from stream_sfm.geometry import se3
 from stream_sfm.rig_model.model import RigModel
 from stream_sfm.rig_model.terms import TERMS

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config, WindowConfig
-from stream_sfm.config.reported_rules import ReportedRules
 from stream_sfm.config.rules import Rules
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.triangulation import points_to_world
@@ -12,6 +11,7 @@ from stream_sfm.estimators.window.cross_frame import CrossFrame
 from stream_sfm.estimators.window.reported.followed import followed
 from stream_sfm.estimators.window.reported.marginals import Marginals
 from stream_sfm.estimators.window.reported.relative import newest_motion
+from stream_sfm.estimators.window.reported.rules import ReportedRules
 from stream_sfm.geometry import se3
 from stream_sfm.record import changed
 from stream_sfm.simulation.scenes import Scene
@@ -116,7 +116,7 @@ def test_points_stay_where_they_are_in_the_camera(some):
 def apart_from_newest_motions(rules: ReportedRules) -> float:
     """Mean squared difference of the motion between two reported poses and the newest motion, in its σ."""
     sequence = SCENE.sequence(np.random.SeedSequence([8, 1]))
-    estimator = make_estimator("cross-frame", sequence.projection, Config(rules=Rules(reported=rules)))
+    estimator = make_estimator("cross-frame", sequence.projection, Config(rules=Rules((rules,))))
     before, found = np.eye(4), []
     for o in sequence.observations:
         solution = estimator.step(o)
@@ -137,7 +137,7 @@ def test_reported_poses_move_by_the_newest_motions():
     assert apart_from_newest_motions(ReportedRules()) < of_filter / 2
 
 
-def test_a_doubtful_motion_is_not_followed():
+def test_an_unreliable_motion_is_not_followed():
     """The reported pose is then that of the filter, within half of σ of the followed one."""
     sequence = SCENE.sequence(np.random.SeedSequence([8, 2]))
     estimator = make_estimator("cross-frame", sequence.projection, Config(window=WindowConfig(frames=4)))

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.camera.rectification import VIRTUAL_BASELINE
+from stream_sfm.camera.settings import SETTINGS
 from stream_sfm.config import Config
-from stream_sfm.config.rules import MonoRules
 from stream_sfm.estimators.window.mono import CrossFrameMono
 from stream_sfm.frontend.mono.front_end import with_virtual_right
-from stream_sfm.frontend.mono.two_view import two_view_motion
+from stream_sfm.frontend.mono.two_view import MonoRules, two_view_motion
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import MOTIONS, Scene, Sequence
 from stream_sfm.types import MapStart, Observations, Solution, Status
@@ -28,9 +27,8 @@ def left_only(o: Observations, rows: np.ndarray, **changed) -> Observations:
 
 def run(scene: Sequence) -> tuple[list[Solution], float]:
     """Solutions of frames 1 … with the map begun by the first two frames, and its unit: estimated over true depths."""
-    p = replace(
-        scene.projection, cx_right_px=scene.projection.cx_left_px, baseline_m=VIRTUAL_BASELINE, virtual_right=True
-    )
+    p = scene.projection
+    p = replace(p, cx_right_px=p.cx_left_px, baseline_m=SETTINGS.virtual_baseline, virtual_right=True)
     first, second, *later = scene.observations
     ids, a, b = np.intersect1d(first.track_ids, second.track_ids, return_indices=True)
     found = two_view_motion(p.rays(first.z_px[a]), p.rays(second.z_px[b]), 2**0.5 * STD_PX / p.f_px, MonoRules())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import MotionConfig
-from stream_sfm.estimators.motion_model import Doubts, MotionModel
+from stream_sfm.estimators.motion_model import MotionModel, Unreliable
 from stream_sfm.geometry import se3
 
 FRAME_NS = 50_000_000
@@ -43,16 +43,16 @@ def test_a_measured_velocity_restarts_the_growth_of_uncertainty() -> None:
         np.testing.assert_allclose(std, half_square_s2 * np.repeat([2.0, 1.0], 3))
 
 
-def test_a_doubted_start_is_covered_from_the_start_and_permanently_if_nothing_confirms_it() -> None:
-    """A body is followed: the covariance of the doubt assumes no velocity, and stays if nothing settles the doubt."""
+def test_an_unreliable_start_is_covered_from_the_start_and_permanently_if_nothing_confirms_it() -> None:
+    """A body is followed: the added covariance assumes no velocity, and stays if nothing confirms the start."""
     step, settles, none = se3.exp(np.array([0.05, 0, 0, 0, 0, 0.01])), {}, 1e-8 * np.eye(6)
     for name, of_start, unconfirmed in (("later", False, False), ("settled", True, False), ("open", True, True)):
         moving, pose = MotionModel(MotionConfig()), np.eye(4)
         moving.restart(0, pose, none)
         for k in range(1, 20):
-            pose, doubtful = pose @ step, 5 <= k < 15
-            doubts = Doubts(doubtful, of_start and doubtful, unconfirmed and k == 15)
-            cov = moving.add(k * 50_000_000, pose, none, doubts)
+            pose, wrong = pose @ step, 5 <= k < 15
+            unreliable = Unreliable(wrong, of_start and wrong, unconfirmed and k == 15)
+            cov = moving.add(k * 50_000_000, pose, none, unreliable)
             settles[name, k] = np.sqrt(np.linalg.eigvalsh(cov[:3, :3]).max())
     assert settles["later", 5] < 0.02  # the camera continues as in the previous frames
     assert settles["open", 5] > 5 * 0.05  # these poses may be relative to a body
@@ -65,7 +65,7 @@ def test_after_an_uncertain_pose_its_velocity_is_uncertain() -> None:
     for n in range(3):
         model.add(n * 10**8, np.eye(4), nothing)
     step = np.array([0.1, 0, 0, 0, 0, 0])
-    model.add(3 * 10**8, se3.exp(step), nothing, Doubts(misfit=True))
+    model.add(3 * 10**8, se3.exp(step), nothing, Unreliable(misfit=True))
     for frames in (1, 2, 5):  # lost frames since then
         pose, cov = model.predict((3 + frames) * 10**8)
         np.testing.assert_allclose(pose[0, 3], 0.1 * (1 + frames))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
+from stream_sfm.estimators.window.reported.rules import ReportedRules
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
 from tests.helpers.estimators import nees, run
@@ -43,7 +44,7 @@ def test_apparent_rotations_by_patches_add_up_in_the_pose_and_not_in_relative_mo
     assert before.relative is not None and after.relative is not None
     assert after.relative.frame_from_newest == pytest.approx(before.relative.frame_from_newest, abs=1e-6)
     lag = se3.log(se3.inverse(before.world_from_cam) @ after.world_from_cam)  # by more where σ is larger
-    assert lag @ np.linalg.solve(before.cov_pose, lag) < Config().rules.reported.most_followed ** 2
+    assert lag @ np.linalg.solve(before.cov_pose, lag) < Config().rules.of(ReportedRules).most_followed ** 2
     # the first camera is the world: the turns of all frames after it
     cams_from_newest = se3.inverse(sequence.world_from_cam[1:]) @ sequence.world_from_cam[-1]
     turned = std_rad * se3.adjoint(se3.inverse(cams_from_newest))[:, :, 3:]
@@ -52,5 +53,5 @@ def test_apparent_rotations_by_patches_add_up_in_the_pose_and_not_in_relative_mo
     assert np.abs(added - each.sum(axis=0)).max() < 0.02 * np.abs(added).max()  # estimated poses are off by that
     for r, index in enumerate(after.relative.frame_indices.tolist()):
         since = after.relative.cov[r] - before.relative.cov[r]
-        share = Config().rules.reported.apparent_turns
+        share = Config().rules.of(ReportedRules).apparent_turns
         assert np.abs(since - share * each[index:].mean(axis=0)).max() < 0.02 * np.abs(since).max()

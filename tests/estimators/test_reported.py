@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.config.reported_rules import ReportedRules
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.window.inverse_depth import linearise
 from stream_sfm.estimators.window.reported.equal_weights import reported
@@ -17,6 +16,7 @@ from stream_sfm.estimators.window.reported.halves import (
     _unselected,
     squares_of_halves,
 )
+from stream_sfm.estimators.window.reported.rules import ReportedRules
 from stream_sfm.estimators.window.reported.track_noise import TrackNoise
 from stream_sfm.estimators.window.state import WindowState
 from stream_sfm.geometry import se3

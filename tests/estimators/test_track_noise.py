@@ -7,9 +7,9 @@ import pytest
 
 from stream_sfm import core
 from stream_sfm.config import Config
-from stream_sfm.config.reported_rules import ReportedRules
 from stream_sfm.config.rules import Rules
 from stream_sfm.estimators import make_estimator
+from stream_sfm.estimators.window.reported.rules import ReportedRules
 from stream_sfm.estimators.window.reported.track_noise import TrackNoise
 from stream_sfm.geometry import se3
 from stream_sfm.record import changed
@@ -98,7 +98,7 @@ def errors_of_motions(learns: bool, seed: int) -> list[np.ndarray]:
     scene = Scene(frames=60, track_length=8, visible=60, std_px=0.1, round_off=False)
     sequence, rng = scene.sequence(np.random.SeedSequence([9, seed])), np.random.default_rng(seed)
     rules = ReportedRules() if learns else ReportedRules(tracks_guess=1e9)
-    estimator = make_estimator("cross-frame", sequence.projection, Config(rules=Rules(reported=rules)))
+    estimator = make_estimator("cross-frame", sequence.projection, Config(rules=Rules((rules,))))
     factor = 1 / rng.gamma(3, 1 / 2, len(sequence.points_in_world))
     cams, found = sequence.world_from_cam, []
     for n, o in enumerate(sequence.observations):

@@ -81,10 +81,10 @@ def test_a_settled_motion_no_longer_counts() -> None:
     frames, _ = observations(9, moves_from=99)
     other = Ambiguity(se3.exp(-OWN) @ se3.inverse(STEP), 1e-8 * np.eye(6))
     with_start = [replace(o, cam_from_previous=se3.inverse(STEP)) for o in frames]
-    doubtful = [replace(o, ambiguity=other) if 3 <= k < 6 else o for k, o in enumerate(with_start)]
-    settled = [replace(o, settled=k == 7) for k, o in enumerate(doubtful)]
+    ambiguous = [replace(o, ambiguity=other) if 3 <= k < 6 else o for k, o in enumerate(with_start)]
+    settled = [replace(o, settled=k == 7) for k, o in enumerate(ambiguous)]
     plain, never, back = ([CrossFrame(P, Config())] for _ in range(3))
-    runs = [[e[0].step(o) for o in seen] for e, seen in ((plain, with_start), (never, doubtful), (back, settled))]
+    runs = [[e[0].step(o) for o in seen] for e, seen in ((plain, with_start), (never, ambiguous), (back, settled))]
     std_m = np.array([[np.sqrt(np.trace(s.cov_pose[:3, :3])) for s in run] for run in runs])
     assert (std_m[1:, 6] > 3 * np.linalg.norm(OWN[:3])).all()  # three frames with the same error
     assert std_m[1, 8] > 3 * np.linalg.norm(OWN[:3])

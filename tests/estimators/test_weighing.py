@@ -8,7 +8,6 @@ import pytest
 
 from stream_sfm import core
 from stream_sfm.config import RigConfig
-from stream_sfm.config.robust_rules import RobustRules
 from stream_sfm.estimators.window.inverse_depth import WhitenedViews
 from stream_sfm.estimators.window.unknowns import weighing
 from stream_sfm.estimators.window.unknowns.focal_change import Calm
@@ -16,6 +15,7 @@ from stream_sfm.estimators.window.unknowns.focus_watch import FocusWatch
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.point_views import PointViews
 from stream_sfm.geometry.resection import Resection, SecondMotion, resect
+from stream_sfm.geometry.robust_rules import RobustRules
 from stream_sfm.geometry.sizes import Sizes
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.record import changed, record

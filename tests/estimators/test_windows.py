@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config, WindowConfig
-from stream_sfm.config.reported_rules import ReportedRules
-from stream_sfm.config.robust_rules import RobustRules
 from stream_sfm.config.rules import Rules
+from stream_sfm.estimators.window.reported.rules import ReportedRules
+from stream_sfm.geometry.robust_rules import RobustRules
 from tests.helpers.estimators import run
 from tests.helpers.full_batch import batch_adjust
 
 # No view is rejected and poses are those of the minimum, so that all solve the same problem.
 CONFIG = Config(
     window=WindowConfig(frames=16, max_iterations=30),
-    rules=Rules(robust=RobustRules(gate_probability=1 - 1e-9), reported=ReportedRules(most_followed=0.0)),
+    rules=Rules((RobustRules(gate_probability=1 - 1e-9), ReportedRules(most_followed=0.0))),
 )
 
 

@@ -17,6 +17,7 @@ pytestmark = pytest.mark.slow
 
 FRAMES, FAULT = 36, 18  # of the log; the first one at fault
 TEN_SIGMA = 100.0  # of the squared error in units of the covariance
+FIVE_SIGMA = 47.6
 Pair = tuple[np.ndarray, np.ndarray]
 Shown = Callable[[Callable[[int], Pair], int], Pair]
 
@@ -94,6 +95,21 @@ def test_a_repeated_pair_of_another_brightness_is_no_new_one(room) -> None:
     assert squares[1:].max() < TEN_SIGMA
     bad = [k for k, e in enumerate(estimates) if e.status == sfm.Status.DEGRADED]
     assert bad == [9, 19, 29] and all("the images are identical" in estimates[k].reason for k in bad)
+
+
+def test_a_focus_that_comes_and_goes_is_within_sigma(room) -> None:
+    rig, frames, truth = room
+
+    def out_of_focus(image: np.ndarray, k: int) -> np.ndarray:
+        blur_px = 6 * abs(np.sin(0.3 * k))
+        return cv2.GaussianBlur(image, (0, 0), blur_px) if blur_px else image
+
+    seen = [
+        replace(f, left=out_of_focus(f.left, k), right=out_of_focus(f.right, k)) for k, f in enumerate(frames[:25])
+    ]
+    estimates, squares = judged(rig, seen, truth)
+    assert all(e.status == sfm.Status.OK for e in estimates[1:])
+    assert squares[1:].max() < FIVE_SIGMA  # 61 without what sharpness says
 
 
 def test_frames_whose_images_are_exchanged_are_used_the_other_way_round_and_said(room) -> None:

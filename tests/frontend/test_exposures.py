@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.config.point_rules import TemplateRules
+from stream_sfm.frontend.templates import TemplateRules
 from tests.helpers.front_end import SteppedFrontEnd
 from tests.helpers.wall import Wall, camera_path, rig
 
@@ -35,7 +35,7 @@ def test_templates_of_many_exposures_have_the_same_error() -> None:
         before.append(np.tile([LAST[0] / gain, LAST[1] - LAST[0] / gain * offset], (count, 1)))
         starts.append(points.astype(float))
     given = np.concatenate(starts), *map(np.concatenate, zip(*patches, strict=True)), np.concatenate(before)
-    _, found, errors, exposures = core.align_patches(noisy(*NOW), *given, RADIUS_PX, SPACING_PX, TemplateRules())
+    _, found, errors, exposures, _ = core.align_patches(noisy(*NOW), *given, RADIUS_PX, SPACING_PX, TemplateRules())
     of_frames = np.cumsum([0] + [count for *_, count in CUT])
     for (gain, offset, _), first, end in zip(CUT, of_frames[:-1], of_frames[1:], strict=True):
         there = found[first:end]
@@ -61,7 +61,7 @@ def test_changes_smaller_than_one_of_the_exposure_leave_templates_unchanged() ->
     sharper = 1.02 * (0.7 * (coarse + 1.3 * (scene - coarse)) + 3.0) + rng.normal(size=scene.shape)
     given = CORNERS.astype(float), *patches, before
     image = sharper.astype(np.float32)
-    _, found, _, exposures = core.align_patches(image, *given, RADIUS_PX, SPACING_PX, TemplateRules())
+    _, found, _, exposures, _ = core.align_patches(image, *given, RADIUS_PX, SPACING_PX, TemplateRules())
     assert found.mean() > 0.9
     assert (exposures == before).all()
 

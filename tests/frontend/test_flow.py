@@ -6,12 +6,12 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import Config, FrontendConfig
-from stream_sfm.config.point_rules import PointRules
-from stream_sfm.config.rules import FlowRules
 from stream_sfm.core import corner_strength, new_corners
 from stream_sfm.frontend.alignment import TemplateAligner
 from stream_sfm.frontend.flow import as_exposed, track
+from stream_sfm.frontend.new_points import PointRules
 from stream_sfm.pictures.prepared import PreparedImages
+from stream_sfm.pictures.rules import FlowRules
 from tests.helpers.wall import Wall, rig
 
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config, FrontendConfig
-from stream_sfm.config.point_rules import PointRules
 from stream_sfm.core import corner_strength, match_along_rows, match_new_points, new_corners
 from stream_sfm.frontend.alignment import TemplateAligner
 from stream_sfm.frontend.learnt.rows import Rows
+from stream_sfm.frontend.new_points import PointRules
 from stream_sfm.frontend.state import RightSides
 from stream_sfm.frontend.templates import TemplateAtlas
 from stream_sfm.geometry import se3

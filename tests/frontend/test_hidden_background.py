@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.config.rules import MotionRules
+from stream_sfm.frontend.rules import MotionRules
 from stream_sfm.frontend.second_motions.motion_choice import is_scene_hidden
 from stream_sfm.frontend.second_motions.unsteadiness import Unsteadiness
 from stream_sfm.frontend.state import Setup

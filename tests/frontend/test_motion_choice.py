@@ -8,6 +8,7 @@ import pytest
 
 from stream_sfm.config import Config
 from stream_sfm.frontend.second_motions.ambiguity import AmbiguityMemory
+from stream_sfm.frontend.second_motions.depth_order import StartRules
 from stream_sfm.frontend.second_motions.motion_choice import choose, contradict_far
 from stream_sfm.frontend.second_motions.start_check import StartCheck
 from stream_sfm.frontend.seen import Seen
@@ -147,7 +148,7 @@ def test_after_the_start_history_decides() -> None:
 @pytest.mark.parametrize(("follows_body", "contradict"), [(False, True), (True, False)])
 def test_points_that_contradict_those_behind_them_are_not_the_scene(follows_body: bool, contradict: bool) -> None:
     """Far points contradict a body if the scene is followed, but not the scene if a body is followed."""
-    rules = Config().rules.start
+    rules = Config().rules.of(StartRules)
     for seed in range(12):
         found, of = seen(seed, 0.08)
         followed = (of == 2) if follows_body else (of == 1)

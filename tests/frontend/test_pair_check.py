@@ -8,8 +8,14 @@ import pytest
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
-from stream_sfm.config.rules import PairRules
-from stream_sfm.frontend.learnt.pair_check import Found, PairCheck, PairFit, problem_of, resolution_problem
+from stream_sfm.frontend.learnt.pair_check import (
+    Found,
+    PairCheck,
+    PairFit,
+    PairRules,
+    problem_of,
+    resolution_problem,
+)
 from stream_sfm.frontend.learnt.rows import Rows
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.resection import Resection

@@ -60,9 +60,9 @@ def test_a_unique_object_settles_the_earlier_motions() -> None:
     first = wall.SIZE // 2 + round(1.7 / wall.TEXEL_M)  # at the right end of the first image
     wall.texture[:, first:] = Wall(4).texture[:, first:]
     found = estimates(wall, 18)
-    doubtful = [e.status is Status.DEGRADED for e in found]
-    settled = doubtful.index(False)
-    assert settled > 1 and not any(doubtful[settled:])
+    degraded = [e.status is Status.DEGRADED for e in found]
+    settled = degraded.index(False)
+    assert settled > 1 and not any(degraded[settled:])
     std_m = [float(np.sqrt(np.trace(e.cov_pose[:3, :3]))) for e in found]
     assert std_m[settled - 1] > TILE_M  # until points that begin then confirm it
     assert max(std_m[settled:]) < 0.02

@@ -5,9 +5,8 @@ import pytest
 
 from stream_sfm import core
 from stream_sfm.config import RigConfig
-from stream_sfm.config.rules import TurnRules
 from stream_sfm.frontend.learnt.right_turn import TurnWatch, with_turn
-from stream_sfm.frontend.learnt.usual_turns import ApparentTurns, Turn, UsualTurns
+from stream_sfm.frontend.learnt.usual_turns import ApparentTurns, Turn, TurnRules, UsualTurns
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.estimate import RigEstimate

@@ -7,10 +7,10 @@ import pytest
 
 from stream_sfm import core
 from stream_sfm.config import Config, RigConfig
-from stream_sfm.config.rules import RowRules, Rules
+from stream_sfm.config.rules import Rules
 from stream_sfm.core import _core
 from stream_sfm.frontend.learnt import rows as rows_of
-from stream_sfm.frontend.learnt.rows import Rows, row_terms
+from stream_sfm.frontend.learnt.rows import RowRules, Rows, row_terms
 from stream_sfm.frontend.learnt.timing import Timing
 from stream_sfm.geometry.stereo import StereoProjection, velocities
 from stream_sfm.rig_model.field import field_over
@@ -79,7 +79,7 @@ def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(rows_of, "CAUCHY_WIDTH", 1e9)
     monkeypatch.setattr(Rows, "_likely_field_std_px", lambda self, *_: self.field_std_px)
     rng = np.random.default_rng(1)
-    prior = Rows.unknown(P, Config(rules=Rules(rows=RowRules(step_px=0.0))))
+    prior = Rows.unknown(P, Config(rules=Rules((RowRules(step_px=0.0),))))
     at, speed = places(rng, 60), 30 * rng.normal(size=60)
     seen = smooth(at) + STD_PX * rng.normal(size=60)
     rows = prior.learnt(at, seen, speed)
@@ -163,7 +163,7 @@ def test_a_late_camera_is_not_mistaken_for_row_differences(delay_s: float) -> No
     prior = Config().rig.std_delay_s ** -2.0
     assert weighted / information == pytest.approx(mean * (1 + prior * std**2), rel=0.01, abs=0.1 * std)
     assert information == pytest.approx(
-        1 / (1 / (std**-2 - prior) + (Config().rules.rows.speed_error * mean) ** 2), rel=1e-6
+        1 / (1 / (std**-2 - prior) + (Config().rules.of(RowRules).speed_error * mean) ** 2), rel=1e-6
     )
 
 

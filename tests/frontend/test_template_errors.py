@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.config.rules import ErrorRules
 from stream_sfm.core import view_inflation
 from stream_sfm.estimators import make_estimator
 from stream_sfm.frontend.learnt.template_errors import TemplateErrors
+from stream_sfm.frontend.rules import ErrorRules
 from stream_sfm.simulation.scenes import Scene, Sequence
 from stream_sfm.types import LastingErrors, StereoFrame
 from tests.helpers.estimators import nees

@@ -4,11 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from stream_sfm.config.point_rules import TemplateRules
-from stream_sfm.config.rules import ErrorRules
 from stream_sfm.core import _core
 from stream_sfm.frontend.learnt.noise import ViewNoise
-from stream_sfm.frontend.templates import Grey, Patches, TemplateAtlas
+from stream_sfm.frontend.rules import ErrorRules
+from stream_sfm.frontend.templates import Grey, Patches, TemplateAtlas, TemplateRules
 
 RADIUS_PX, STD_GREY = 10, 3.0
 CONVERGED_PX = 0.05  # of the alignment (core/patches.cpp)

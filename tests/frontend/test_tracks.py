@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stream_sfm.config.rules import MotionRules
+from stream_sfm.frontend.rules import MotionRules
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.record import changed

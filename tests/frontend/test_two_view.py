@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from stream_sfm.config.rules import MonoRules
 from stream_sfm.frontend.mono.parallax import depths_from_motion
-from stream_sfm.frontend.mono.two_view import two_view_motion
+from stream_sfm.frontend.mono.two_view import MonoRules, two_view_motion
 from stream_sfm.geometry import se3
 
 STD = 3e-4  # 0.2 px at f = 600

@@ -15,6 +15,6 @@ def tracks_at(depth_m: np.ndarray, agreed: np.ndarray | None = None, left_px: np
         cov_left_px=np.zeros((n, 2, 2)),
         points=np.concatenate([rays, np.ones((n, 1)), 1 / depth_m[:, None]], axis=1), var_rho=np.zeros(n),
         anchor_from_start=np.zeros((n, 4, 4)), anchor_rays=rays, anchor_velocity_px_s=np.zeros((n, 2)),
-        slopes=np.zeros((n, 2)), exposures=np.tile(JUST_CUT, (n, 1)), scale=np.ones(n, np.int64),
-        agreed=np.zeros(n, np.int64) if agreed is None else agreed,
+        slopes=np.zeros((n, 2)), exposures=np.tile(JUST_CUT, (n, 1)), contrast=np.full(n, np.nan),
+        scale=np.ones(n, np.int64), agreed=np.zeros(n, np.int64) if agreed is None else agreed,
     )  # fmt: skip

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.config.inertia_rules import InertiaRules
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.window.inertia.belief import Belief, Innovation, Steadiness
 from stream_sfm.estimators.window.inertia.inertia import Inertia
 from stream_sfm.estimators.window.inertia.interval import JOINT, Known
+from stream_sfm.estimators.window.inertia.rules import InertiaRules
 from stream_sfm.estimators.window.inertia.trial import beside, corrected
 from stream_sfm.inertial.state import GRAVITY, STATE
 from stream_sfm.methods import REFERENCE
@@ -40,7 +40,7 @@ def test_samples_that_have_agreed_for_long_are_trusted_after_one_frame_that_cont
     assert not any(trusted[33:])
 
 
-def test_doubts_and_agreement_have_to_last_for_the_same_time() -> None:
+def test_contradictions_and_agreement_have_to_last_for_the_same_time() -> None:
     belief, out = Belief.begun(RULES, STD_ACCELERATION), []
     for apart_rad, count in ((AGREES_RAD, 25), (CONTRADICTS_RAD, 25), (AGREES_RAD, 30)):
         for found in frames_of(apart_rad, count):
@@ -123,7 +123,7 @@ def test_a_trial_is_the_update_of_a_filter() -> None:
     assert not found.cov_pose.any() and found.stamp_ns == 7
 
 
-def test_nothing_is_learnt_from_a_frame_in_question() -> None:
+def test_nothing_is_learnt_from_an_ambiguous_frame() -> None:
     estimator, learnt = make_estimator(REFERENCE, PROJECTION, Config()), []
     for k, (_, observations) in enumerate(observed(21, 30)):
         estimator.step(replace(observations, ambiguity=Ambiguity(misfit=True) if k >= 12 else None))

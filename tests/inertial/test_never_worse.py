@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.config.inertia_rules import InertiaRules
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.window.inertia.checks import Densities, Jitter, with_odds
 from stream_sfm.estimators.window.inertia.interval import JOINT, Known
+from stream_sfm.estimators.window.inertia.rules import InertiaRules
 from stream_sfm.geometry import se3
 from stream_sfm.inertial.state import GRAVITY, SCALE, STATE
 from stream_sfm.methods import REFERENCE, WITHOUT_IMU

@@ -82,7 +82,7 @@ def test_covariances_with_common_errors_and_loops_hold() -> None:
         for nees in (before, after):
             nees.append(nees_of(graph, truth))
             if nees is before:
-                graph.close(loops, doubtful=False)
+                graph.close(loops, uncertain=False)
     # Six is the mean of a χ² whose σ is 3.5, and errors of one trial go together: 3 σ of 24 trials.
     assert 3.9 < np.mean(before) < 8.1
     assert 3.9 < np.mean(after) < 8.1
@@ -100,7 +100,7 @@ def test_learning_about_common_errors_updates_earlier_motions() -> None:
         for k in followed(graph, rng, c, 4e-3):
             if k == 2 or k == NODES - 1:
                 loop = Motion(noisy(se3.inverse(truth[0]) @ truth[k], LOOP_STD, rng), np.diag(LOOP_STD**2))
-                graph.close([Loop(0, k, loop)], doubtful=False)
+                graph.close([Loop(0, k, loop)], uncertain=False)
         graph.know(c + std_c * rng.normal(size=COMMON), std_c**2 * np.eye(COMMON))
         nees.append(nees_of(graph, truth))
     assert 3.9 < np.mean(nees) < 8.1
@@ -120,9 +120,9 @@ def test_predicted_covariance_is_that_of_the_marginals() -> None:
     assert np.allclose(motions[5], se3.inverse(graph.pose(5)) @ graph.pose(NODES - 1))
 
 
-def test_doubtful_loops_are_judged_together() -> None:
+def test_uncertain_loops_are_judged_together() -> None:
     graph, truth, loops = closed(np.random.default_rng(4), false=1)
-    refused = graph.close(loops, doubtful=True)
+    refused = graph.close(loops, uncertain=True)
     assert refused == loops[-1:]
     assert graph.loops == loops[:-1]
     error, cov = se3.log(se3.inverse(graph.poses[-1]) @ truth[-1]), graph.covariances()[-1]
@@ -141,7 +141,7 @@ def test_a_segment_joins_the_world_it_is_found_in() -> None:
     assert graph.home(12) != graph.home(0)
     assert graph.between(3, 12) is None and not graph.in_world_of(12)[:8].any()
     motion = se3.inverse(truth[2]) @ truth[13]
-    graph.close([Loop(2, 13, Motion(motion, np.diag(LOOP_STD**2)))], doubtful=False)
+    graph.close([Loop(2, 13, Motion(motion, np.diag(LOOP_STD**2)))], uncertain=False)
     assert graph.home(12) == graph.home(0)
     assert np.allclose(graph.poses, truth, atol=1e-6)
     assert graph.in_world_of(15).all()
@@ -149,7 +149,7 @@ def test_a_segment_joins_the_world_it_is_found_in() -> None:
 
 def test_nodes_that_go_leave_their_motions_to_their_neighbours() -> None:
     graph, truth, loops = closed(np.random.default_rng(5))
-    graph.close(loops, doubtful=False)
+    graph.close(loops, uncertain=False)
     kept = [k for k in range(NODES) if k not in (1, 6, 7, 8, 13)]  # two of them are ends of loops
     before = graph.poses[kept].copy()
     graph.remove([1, 6, 7, 8, 13])
@@ -168,7 +168,7 @@ def test_an_unlinked_node_is_removed_and_one_with_loops_passes_them_to_a_neighbo
         graph.add(k, truth[k], None)
     loop = Motion(se3.inverse(truth[0]) @ truth[1], np.diag(LOOP_STD**2))
     onward = Motion(se3.inverse(truth[1]) @ truth[2], np.diag(LOOP_STD**2))
-    graph.close([Loop(0, 1, loop), Loop(1, 2, onward)], doubtful=False)
+    graph.close([Loop(0, 1, loop), Loop(1, 2, onward)], uncertain=False)
     graph.remove([1, 4])
     assert graph.numbers == [0, 2, 3] and [(each.old, each.new) for each in graph.loops] == [(0, 2)]
     assert graph.home(2) == graph.home(0) != graph.home(3)

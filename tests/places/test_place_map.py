@@ -329,15 +329,15 @@ def test_a_map_without_a_solution_keeps_the_poses_of_the_engine(
 def test_motions_that_are_not_known_end_a_segment_where_no_other_leads_round_them(
     room: Room, unknown: int, segments: int
 ) -> None:
-    """Rotations of σ 1 rad, as where the motion of a body may be the camera's; the world is as doubtful then."""
-    run, doubt = list(room.run[:24]), np.diag([0.2**2] * 3 + [1.0] * 3)
+    """Rotations of σ 1 rad, as where the motion of a body may be the camera's; the world is as uncertain then."""
+    run, large = list(room.run[:24]), np.diag([0.2**2] * 3 + [1.0] * 3)
     for k in range(8, len(run)):
         estimate, frame = run[k]
         if k < 8 + unknown:
             assert estimate.relative is not None
-            relative = replace(estimate.relative, cov=estimate.relative.cov + doubt)
+            relative = replace(estimate.relative, cov=estimate.relative.cov + large)
             estimate = replace(estimate, status=sfm.Status.DEGRADED, relative=relative)
-        run[k] = replace(estimate, cov_pose=estimate.cov_pose + (doubt if unknown > 1 else 0.0)), frame
+        run[k] = replace(estimate, cov_pose=estimate.cov_pose + (large if unknown > 1 else 0.0)), frame
     places = mapped(room, run)
     assert len(set(places._graph.segments.tolist())) == segments
     cov = places.poses().cov_pose

@@ -123,19 +123,6 @@ def test_errors_that_grow_are_those_of_their_age() -> None:
     assert still[:, 2] == pytest.approx(grown[:, 2], abs=2e-3)  # (72d) is a polynomial
 
 
-def test_a_change_of_the_speed_of_the_focus_does_not_change_the_current_focal_length() -> None:
-    """The effect of its root on views is zero now, and grows with the possible change of the rate: all of it in 1 s."""
-    at, mean, cov = TERMS.index(FOCUSING), np.zeros(len(MODEL)), np.eye(len(MODEL))
-    mean[at], cov[at, at] = 0.4, 0.1**2
-    assert not MODEL.root_of_focusing(mean, cov, 3.0, 0.25).any()  # the focus may not move at all
-    cov[at, at] = 0.01**2
-    root = MODEL.root_of_focusing(mean, cov, 3.0, 0.25)[:, 0]
-    now, later = (MODEL.effects(Z_PX, age_s=age) @ root for age in (3.0, 5.0))
-    assert np.abs(now).max() < 1e-9
-    by_rate = (MODEL.effects(Z_PX, age_s=5.0) - MODEL.effects(Z_PX, age_s=3.0)) @ mean
-    assert later == pytest.approx(np.sqrt(0.25) * by_rate)
-
-
 def test_without_velocities_or_rows_timing_has_no_effect_and_a_missing_side_has_no_error() -> None:
     model = RigModel.of(P, RigConfig(), row_of=row_of)
     timing = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)

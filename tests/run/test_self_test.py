@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config, RigConfig
-from stream_sfm.config.robust_rules import RobustRules
 from stream_sfm.config.rules import Rules
+from stream_sfm.geometry.robust_rules import RobustRules
 from stream_sfm.logs.recording.stereo_log import open_log
 from stream_sfm.pipeline.observer import Observed, Observer
 from stream_sfm.run.lane import Lane
@@ -20,7 +20,7 @@ from tests.helpers.places import DEMO
 
 SCENE = Scene(frames=24, track_length=8, visible=100, std_px=0.2, round_off=False)
 TRIALS = 4
-CONFIG = Config(rules=Rules(robust=RobustRules(gate_probability=1 - 1e-9)))  # takes no large errors away
+CONFIG = Config(rules=Rules((RobustRules(gate_probability=1 - 1e-9),)))  # takes no large errors away
 
 
 @pytest.mark.parametrize("too_small", [1.0, 1.4])

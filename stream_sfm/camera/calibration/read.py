@@ -11,6 +11,7 @@ from ...errors import ConfigError, as_error
 from ...system.inputs import LIMITS, read_small
 from ...system.wording import described
 from ..models import Camera
+from ..settings import SETTINGS
 from .document import Document, Format, Pair, Size, Where, load
 from .inertial import is_imu_file
 from .makers import MRPT, OAK, ZED
@@ -23,8 +24,6 @@ _SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt", ".npz", ".conf")
 _IN_FOLDERS = ("cam0/sensor.yaml", "cam1/sensor.yaml", "mav0/cam0/sensor.yaml", "mav0/cam1/sensor.yaml")
 _NAMES_A_FILE = re.compile(r"relative_config_imu(cam)?|cam[01]_calib")
 _NEAR = re.compile("calib|config|settings|params", re.IGNORECASE)  # names of folders that may hold the calibration
-_LEVELS = 3  # of folders around a recording that are searched for its calibration
-_MOST_NEAR = 50  # files of a folder that may be calibrations; more are something else
 _SIDES = (("left", "cam0", "camera0"), ("right", "cam1", "camera1"))
 
 
@@ -152,12 +151,12 @@ def calibrations_near(recording: Path) -> Iterator[list[list[Path]]]:
     Folders beside it whose names say so count as well, such as `calibration`.
     """
     home = recording.absolute() if recording.is_dir() else recording.absolute().parent
-    for place in [home, *home.parents][:_LEVELS]:
+    for place in [home, *home.parents][: SETTINGS.levels]:
         found: list[list[Path]] = []
         with suppress(OSError):
             inside = [path for path in sorted(place.iterdir()) if _NEAR.match(path.name) and path.is_dir()]
             for folder in [place, *inside]:
-                if len(_candidates(folder)) <= _MOST_NEAR:
+                if len(_candidates(folder)) <= SETTINGS.most_near:
                     found += [[Path(document.name) for document in documents] for documents in _all_in(folder)]
         yield found
 

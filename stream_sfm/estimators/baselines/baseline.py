@@ -9,6 +9,7 @@ from ...config import Config
 from ...geometry import Array, se3
 from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
+from ...geometry.robust_rules import RobustRules
 from ...geometry.stereo import StereoProjection
 from ...geometry.view_stages import CorrectedViews
 from ...types import Observations, Solution, Status
@@ -24,7 +25,7 @@ class Baseline(ABC):
 
     def __init__(self, projection: StereoProjection, config: Config) -> None:
         self._projection = projection
-        self._config = config
+        self._config, self._robust = config, config.rules.of(RobustRules)
         self._motion = MotionModel(config.motion)
         self._structure: WorldPoints | None = None  # the points that end if the map is lost; None: there is no map
 
@@ -33,7 +34,7 @@ class Baseline(ABC):
         try:
             if self._structure is not None:
                 return recorded(self._motion, observations, *self._advance(observations, self._structure))
-            solution = first_solution(self._projection, self._config.rules.robust, self._motion, observations)
+            solution = first_solution(self._projection, self._robust, self._motion, observations)
             if solution.status is Status.INITIALISING:
                 self._structure = self._begin(observations, solution)
             return solution
@@ -60,7 +61,7 @@ class Baseline(ABC):
     ) -> Resection:
         """Find the motion since the previous camera from points (n, 3) there; see `initial_motion`."""
         predicted, _ = self._motion.predict(obs.stamp_ns)
-        start, robust = se3.inverse(predicted) @ world_from_previous, self._config.rules.robust
+        start, robust = se3.inverse(predicted) @ world_from_previous, self._robust
         views = PointViews(self._projection, points, cov, CorrectedViews(obs.z_px[rows]), obs.cov_px[rows], robust)
         found = initial_motion(views, obs, start)
         if found is None:

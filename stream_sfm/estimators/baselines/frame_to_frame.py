@@ -90,7 +90,7 @@ class FrameToFrame(Baseline):
 
         Raises LostError if too few points are left.
         """
-        poses, robust = np.stack([np.eye(4), se3.inverse(cam_from_previous)]), self._config.rules.robust
+        poses, robust = np.stack([np.eye(4), se3.inverse(cam_from_previous)]), self._robust
         accepted = int(kept.sum())
         for last in (False, True):
             n = int(kept.sum())
@@ -144,7 +144,7 @@ class FrameToFrame(Baseline):
         now = WorldPoints.merge([WorldPoints(ids, in_world, cov_in_world), WorldPoints(new_ids, *new)])
         solution = solution_of(
             obs,
-            frame_status(int(pair.kept.sum()), obs.note, self._config.rules.robust),
+            frame_status(int(pair.kept.sum()), obs.note, self._robust),
             world_from_cam,
             cov_pose,
             local,

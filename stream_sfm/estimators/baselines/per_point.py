@@ -84,7 +84,7 @@ class _PerPointWindow(Baseline):
         now = np.isin(self._ids, self._window[-1].ids)
         solution = solution_of(
             obs,
-            frame_status(len(shared) - len(rejected), obs.note, self._config.rules.robust),
+            frame_status(len(shared) - len(rejected), obs.note, self._robust),
             se3.orthonormalise(self._world_from_ref @ ref_from_cam),
             cov_pose,
             WorldPoints(self._ids, *self._points_in_newest_camera()).select(now),
@@ -155,7 +155,7 @@ class _PerPointWindow(Baseline):
                 changed(f, ref_from_cam=p) for f, p in zip(self._window, result.ref_from_cam, strict=True)
             ]
             dof = 2 * (views.information[:, [0, 2], [0, 2]] > 0).sum(axis=1)
-            bad = result.squares > chi2_gates(dof, self._config.rules.robust.gate_probability)
+            bad = result.squares > chi2_gates(dof, self._robust.gate_probability)
             if last or not bad.any():
                 break
             for k, frame in enumerate(self._window):

@@ -41,8 +41,6 @@ def absorbed_oldest(current: WindowState) -> WindowState:
         current.amplitudes, cam_from_ref, anchors, q, blocks, stays, (new_ids, *alone), leaving
     )
     prior = changed(prior.truncate_modes(), rig=prior.rig.with_part(not frame.is_ambiguous))
-    if current.frames:
-        prior = prior.refocused(frame, current.frames[0].stamp_ns)
     kept = points.keep(seen_later if current.frames else core.among(points.ids, prior.ids))
     return changed(current.with_prior(prior), points=kept)
 

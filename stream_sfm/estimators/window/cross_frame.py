@@ -18,6 +18,7 @@ from ...config.rules import Rules
 from ...geometry import Array, se3
 from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
+from ...geometry.robust_rules import RobustRules
 from ...geometry.sizes import Sizes
 from ...geometry.stereo import StereoProjection
 from ...geometry.view_stages import CorrectedViews
@@ -44,6 +45,7 @@ from .reported.equal_weights import reported
 from .reported.followed import followed
 from .reported.halves import SpanFactors
 from .reported.relative import common_errors, newest_motion, relative_motions
+from .reported.rules import ReportedRules
 from .reported.track_noise import TrackNoise
 from .rig import judged_rig, learnt_rig, with_field
 from .rig_state import NO_RIG, RigState, impossible
@@ -62,15 +64,15 @@ class CrossFrame(TakesSamples):
 
     def __init__(self, projection: StereoProjection, config: Config) -> None:
         self.projection = projection
-        self.config = config
+        self.config, self._robust = config, config.rules.of(RobustRules)
         self.inertia = Inertia(config)
         self.motion = InertialMotionModel(config, self.inertia)
         self.map: WindowState | None = None
         self.rig: RigState | None = None  # of the latest map
         self.waiting = False  # for tracks of the map to return, since a frame without any view
         self._has_field = False
-        self._factors = SpanFactors.unknown(config.window.frames, config.rules.reported)
-        self._noise = TrackNoise.unknown(config.rules.reported)
+        self._factors = SpanFactors.unknown(config.window.frames, config.rules.of(ReportedRules))
+        self._noise = TrackNoise.unknown(config.rules.of(ReportedRules))
         self._known_by_rows = np.zeros(2)  # information about the delay, and its weighted sum
         self._sizes = [Sizes(), Sizes()]  # of turns and of errors of twists, in usual ones
         self._is_ambiguous = False  # whether the motion to the latest estimated frame is ambiguous
@@ -120,7 +122,7 @@ class CrossFrame(TakesSamples):
         self.rig = rig.informed(*self._since_by_rows(observations, len(rig)))
         corrected_px = _corrected(observations, views, self.rig.mean)
         corrected = replace(observations, z_px=corrected_px)
-        solution = first_solution(self.projection, self.config.rules.robust, self.motion, corrected)
+        solution = first_solution(self.projection, self._robust, self.motion, corrected)
         if len(solution.track_ids):
             rules = self.config.window
             current = begun(self.projection, frame, views, corrected_px, solution, self.rig, rules)
@@ -154,7 +156,7 @@ class CrossFrame(TakesSamples):
         if observations.settled:
             current = settled(current)
         self.map = current = renewed_timing(current)
-        current, iterations = minimised(current, self.config.window, self.config.rules.robust.gate_probability)
+        current, iterations = minimised(current, self.config.window, self._robust.gate_probability)
         return self._report(current, observations, motion, iterations)
 
     def _change_rig(self, change: Callable[[RigState], tuple[RigState, Array, Array]]) -> None:
@@ -222,7 +224,7 @@ class CrossFrame(TakesSamples):
         Also returns the state, which has learnt from that motion, the views with the effects of delay and readout, and
         z_px without the rig's errors.
         """
-        robust, previous = self.config.rules.robust, current.marginals
+        robust, previous = self._robust, current.marginals
         usable = ~current.rejections.excluded(views.ids)
         rows, points, cov = core.points_seen_again(
             *(views.ids, usable, views.var_drift, previous.ids, previous.q_in_cam, previous.cov_q_in_cam)
@@ -266,7 +268,7 @@ class CrossFrame(TakesSamples):
         if known is not None:
             now = now.at(known.world_from_cam, known.cov_pose + current.cov_ambiguous)
         if not ambiguous:
-            frames, most_sigmas = self.config.window.frames, self.config.rules.reported.most_followed
+            frames, most_sigmas = self.config.window.frames, self.config.rules.of(ReportedRules).most_followed
             now = followed(before, now, newest_motion(smoothed), frames, most_sigmas)
             inertial = self.inertia.placed(inertial, now.world_from_cam)
         return changed(current, read=now), inertial
@@ -290,7 +292,7 @@ class CrossFrame(TakesSamples):
             _solution_of(current, smoothed, before.ids, observations, motion, rules),
             iterations=iterations,
             rig=rig,
-            relative=relative_motions(smoothed, self._factors.by_span, rules.reported.apparent_turns),
+            relative=relative_motions(smoothed, self._factors.by_span, rules.of(ReportedRules).apparent_turns),
             common=common_errors(smoothed, rig),
             inertial=inertial,
         )
@@ -321,7 +323,7 @@ def _solution_of(
     """Return the status of the newest frame with the marginals and the window's poses; `known`: points before it."""
     now, ids, used = current.marginals, current.views.ids[current.newest], current.views.used[current.newest]
     n_accepted = int(np.count_nonzero(used & core.among(ids, known)))  # by the joint minimum, too
-    status, reason = frame_status(n_accepted, observations.note, rules.robust, motion)
+    status, reason = frame_status(n_accepted, observations.note, rules.of(RobustRules), motion)
     shown = core.among(now.ids, ids[used]) & now.finite
     shown &= ~core.among(now.ids, current.restarted)
     columns = now.points_in_cam, now.cov_points, now.points_in_world, now.cov_points_in_world

@@ -7,6 +7,7 @@ the first baseline. The scale drifts, and the covariances include the drift.
 from dataclasses import replace
 
 from ...config import Config
+from ...geometry.robust_rules import RobustRules
 from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution, Status
 from .cross_frame import CrossFrame
@@ -55,7 +56,7 @@ class CrossFrameMono:
     def _advance(self, observations: Observations) -> Solution:
         """Estimate the next frame; it is degraded if few depths carry the scale."""
         solution = self.window.step(observations)
-        known, needed = len(solution.track_ids), self.config.rules.robust.degraded_inliers
+        known, needed = len(solution.track_ids), self.config.rules.of(RobustRules).degraded_inliers
         if solution.status == Status.OK and known < needed:
             reason = f"the depth of only {known} points is known (fewer than {needed}): the scale may change"
             return replace(solution, status=Status.DEGRADED, reason=reason)

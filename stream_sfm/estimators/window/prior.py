@@ -27,17 +27,12 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import Array, se3
-from ...geometry.linear import Elimination, product, scaled_cholesky, turned
+from ...geometry.linear import LEAST_VARIANCE, Elimination, product, scaled_cholesky, turned
 from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
 from .inertia.interval import JOINT, OF_LEAVING, Leaving
 from .layout import Layout, layout
 from .rig_state import NO_RIG, RigState
-from .window_frame import WindowFrame
-
-# Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
-# micrometre and a microradian are far below the error of any estimate.
-_ORIGIN_VARIANCE = 1e-12
 
 # A mode is negligible if it adds less to the variance of anything reported (a pose, a motion, a point) than this share
 # of the variance by the points' own noise. With 0.5, poses move by 0.02 to 0.05 of their σ against a prior that keeps
@@ -85,7 +80,7 @@ class Prior:
         `by_own` (N, 3, e) and `by_rig` (N, 3, m): ∂q by the errors that the frame's views share, and by the rig's
         errors; apart from these the points are independent.
         """
-        root = scaled_cholesky(cov_pose + _ORIGIN_VARIANCE * np.eye(6))
+        root = scaled_cholesky(cov_pose + LEAST_VARIANCE * np.eye(6))
         modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_own, by_rig], axis=2)
         world_modes = np.concatenate([root, np.zeros((6, modes.shape[2] - 6))], axis=1)
         return cls(ids, mean, cov, modes, world_from_ref, world_modes, rig)
@@ -136,7 +131,7 @@ class Prior:
         pose, at = JOINT["pose"], JOINT["state"]
         world, of = self.world_modes[pose], self.of_modes
         of_own, of_rig = world[:, of["own"]], world[:, of["rig"]]
-        by_world = np.linalg.solve(joint[pose, pose] + _ORIGIN_VARIANCE * np.eye(6), joint[pose, at]).T
+        by_world = np.linalg.solve(joint[pose, pose] + LEAST_VARIANCE * np.eye(6), joint[pose, at]).T
         left = joint[at, at] - by_world @ joint[pose, at]
         # a billionth of the variances keeps the rest above rounding
         root = scaled_cholesky(0.5 * (left + left.T) + np.diag(1e-9 * np.diag(joint[at, at])))
@@ -299,18 +294,6 @@ class Prior:
             return np.concatenate([of_rig @ apart, modes[..., :own], of_rig @ kept], axis=-1)
 
         return changed(self, modes=moved(self.modes), world_modes=moved(self.world_modes), rig=rig)
-
-    def refocused(self, frame: WindowFrame, next_ns: int) -> "Prior":
-        """Return the prior for a moving focus, whose speed may have varied until the next frame, eq. (72g)."""
-        if frame.rig is None:
-            return self
-        rig, passed_s = self.rig, (next_ns - frame.stamp_ns) / 1e9
-        root = frame.rig.root_of_focusing(rig.held, rig.cov_held, rig.age_s(frame.stamp_ns), passed_s)
-        if not root.any():
-            return self
-        if rig.steady:  # so far its motion was attributed to other errors, which become as unknown as at first
-            root = np.concatenate([root, np.diag(rig.size)], axis=1)
-        return self.with_rig_change(rig.changed(root))
 
     def truncate_modes(self) -> "Prior":
         """Return the same prior without negligible modes, eq. (36).

@@ -14,13 +14,12 @@ def judged_rig(current: WindowState) -> tuple[WindowState, RigEstimate | None]:
 
     They are None for an exact rig.
     """
-    rig, model, system = current.prior.rig, current.newest_frame.rig, current.system
+    rig, system = current.prior.rig, current.system
     if not len(rig):
         return current, None
     mean, cov, information = system.rig_errors()
-    changes = not rig.steady or (model is not None and model.focus_moves(mean, cov))
     agreement = rig.parts.agreement
-    counted = (mean, cov) if changes else rig.tempered(mean, cov, information)
+    counted = rig.tempered(mean, cov, information) if rig.steady else (mean, cov)
     rig, found = rig.contradicted(mean, cov).judged(*counted, agreement)
     current = current.moved(*system.follow_rig(rig.held - current.rig_error))
     age = rig.age_s(current.newest_frame.stamp_ns)

@@ -8,10 +8,10 @@ as one factor for all views.
 
 import numpy as np
 
-from ...config.rules import ErrorRules
 from ...geometry import Array
 from ...geometry.medians import MEMORY_FRAMES
 from ...record import changed, record
+from ..rules import ErrorRules
 
 
 @record

@@ -10,6 +10,7 @@ without a problem are no evidence.
 """
 
 from dataclasses import field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,12 @@ from numpy.typing import NDArray
 from ... import core
 from ...camera.rig import StereoRig
 from ...config import Config
-from ...config.rules import PairRules
+from ...config.section import Section, expert
 from ...geometry import Array
 from ...geometry.evidence import Evidence, ratio_of_share
 from ...geometry.point_views import PointViews
 from ...geometry.resection import MANY_VIEWS, Resection
+from ...geometry.robust_rules import RobustRules
 from ...geometry.stereo import StereoProjection, clamp_depth
 from ...geometry.view_stages import CorrectedViews
 from ...pictures.content import frozen
@@ -30,7 +32,30 @@ from ...record import changed, record
 from ..tracks import Tracks
 from .rows import Rows
 
-_SOUND = 2.0  # twice as many where the images fit: half of the points say nothing, as near objects hide some
+
+class PairRules(Section, frozen=True, kw_only=True):
+    """Whether the left image, the right image and the calibration fit each other."""
+
+    # Sample logs have 0.64 or more, the end of a bare corridor less; a stopped, swapped or turned camera is below
+    # 0.3.
+    fit: Annotated[float, expert("share of the points agreeing on the left that agree on the right", 0, 1)] = 0.5
+    # No moving body has as many by chance.
+    fewest_old: Annotated[int, expert("least number of points from before a problem that end it", 1, 2000)] = 8
+    # One frame with a problem has this evidence. New points that fit end it within a second for most cameras.
+    bound_nats: Annotated[float, expert("evidence that begins or ends a problem, nats", 0.1, 1e6)] = 7.0
+    memory_frames: Annotated[float, expert("frames over which new points show that images fit", 1, 1e6)] = 30.0
+    # Twice as many agree where the images fit: half of the points say nothing, as near objects hide some.
+    new_favour: Annotated[float, expert("a of eq. (7c) for new points and images that fit", 1.01, 1e4)] = 2.0
+    good_share: Annotated[float, expert("share of all points that agree in a good frame", 0, 1)] = 0.6
+    # With real calibrations, rows differ by up to 1.9 px in a corner.
+    max_rows_px: Annotated[float, expert("largest row difference of left and right, px", 0.1, 1e8)] = 2.5
+    # Real matches scatter around their polynomial by up to 0.3 px.
+    max_scatter_px: Annotated[float, expert("largest scatter of the rows of matches, px", 0.05, 1e8)] = 0.5
+    # It is 1.2 at most on any sample log, and 5 to 30 with a wrong calibration.
+    max_factor: Annotated[float, expert("largest variance of views over that by image noise", 1, 1e8)] = 4.0
+    # Principal points of real cameras are within 0.1 of the middle. In a calibration for half the resolution they
+    # lie at a quarter of the size, for twice the resolution in the corner. In a cropped image they can be anywhere.
+    same_place: Annotated[float, expert("share of the size by which a principal point may differ", 0, 0.5)] = 0.03
 
 
 def _none() -> NDArray[np.int64]:
@@ -74,10 +99,10 @@ class PairFit:
         margin_px = 2 * before.scale * config.frontend.window_radius_px
         inside = (right_px > margin_px) & (right_px < projection.width - 1 - margin_px)
         left, both = motion.accepted, motion.accepted & has_right
-        if np.count_nonzero(both & inside) < config.rules.pair.good_share * np.count_nonzero(inside):
+        if np.count_nonzero(both & inside) < config.rules.of(PairRules).good_share * np.count_nonzero(inside):
             points = before.points, before.cov_points(projection)
             left_px = CorrectedViews(np.where([True, True, False, False], found.z_px, np.nan))
-            views = PointViews(projection, *points, left_px, found.cov_px, config.rules.robust)
+            views = PointViews(projection, *points, left_px, found.cov_px, config.rules.of(RobustRules))
             root, _ = views.linearise(motion.cam_from_ref)
             left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
         missing = before.ids[inside & ~has_right]
@@ -120,7 +145,7 @@ class PairCheck:
         if not was_there or self._old_fit(fit):
             return PairCheck.of(self.rules, fit.missing), False
         agree, n = int(np.count_nonzero(fit.both)), len(fit.both)
-        evidence = self.evidence.after(-ratio_of_share(agree, n, _SOUND))
+        evidence = self.evidence.after(-ratio_of_share(agree, n, self.rules.new_favour))
         if evidence.is_there:
             return changed(self, evidence=evidence), False
         return PairCheck.of(self.rules), True

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...config.robust_rules import RobustRules
-from ...config.rules import TurnRules
 from ...geometry import Array
 from ...geometry.point_views import PointViews
+from ...geometry.robust_rules import RobustRules
 from ...geometry.stereo import StereoProjection, places_over_image
 from ...geometry.view_stages import CorrectedViews
 from ...record import changed, record
@@ -27,7 +26,7 @@ from ...rig_model.estimate import RigEstimate
 from ...rig_model.model import RigModel
 from ...rig_model.terms import TERMS, effects_of_turn, terms_of_turn
 from ...types import RigChange
-from .usual_turns import ApparentTurns, Turn, UsualTurns
+from .usual_turns import ApparentTurns, Turn, TurnRules, UsualTurns
 
 
 def shift_of_turn(projection: StereoProjection, rad: Array) -> float:

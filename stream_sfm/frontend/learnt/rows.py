@@ -8,12 +8,13 @@ likelihood. Only new matches count, because later views of a point repeat its fi
 """
 
 import math
+from typing import Annotated
 
 import numpy as np
 
 from ... import core
 from ...config import Config
-from ...config.rules import RowRules
+from ...config.section import Section, expert
 from ...geometry import Array
 from ...geometry.linear import symmetric_inverse
 from ...geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
@@ -21,11 +22,36 @@ from ...geometry.stereo import StereoProjection, places_over_image, velocities
 from ...record import changed, record
 from ...rig_model.field import LEAST_PX, Field, field_over
 
+
+class RowRules(Section, frozen=True, kw_only=True):
+    """How row differences of left and right are learnt."""
+
+    # Real calibrations were wrong by up to 0.8 px in the corners.
+    std_px: Annotated[float, expert("prior σ of each coefficient of the row difference, px", 1e-3, 100)] = 1.0
+    # Lenses that warm up move rows by a pixel in some hundred frames.
+    step_px: Annotated[float, expert("σ of the change of a coefficient per frame, px", 0, 10)] = 2e-3
+    # Within a few frames the scatter of the matches replaces it.
+    std_match_px: Annotated[float, expert("σ of one match before any is seen, px", 1e-3, 100)] = 0.2
+    # After that, Cauchy weights hardly change.
+    reweightings: Annotated[int, expert("reweightings of one frame's matches", 1, 100)] = 5
+    # One good match in 16 000 is lost.
+    gate_sigmas: Annotated[float, expert("largest distance of a match from its row, σ", 0.1, 1000)] = 4.0
+    # This is three times the scatter of good matches. With less, a few matches that agree by chance would set the
+    # gate.
+    least_gate_px: Annotated[float, expert("least gate of a match about its row, px", 1e-3, 100)] = 0.3
+    # All matches use the same extrapolated velocities. The error is 11 and 18 % on two rendered logs with a late
+    # camera.
+    speed_error: Annotated[float, expert("relative error of a delay", 0, 10)] = 0.2
+    # This is well below the errors that matter.
+    known_px: Annotated[float, expert("σ below which a row difference is known, px", 1e-3, 100)] = 0.1
+    # A shaken camera turns so fast, and within some frames the other way.
+    std_turning_rad_s: Annotated[float, expert("σ of an unknown turn rate of the camera, rad/s", 0, 100)] = 1.0
+
+
 _POLYNOMIAL = 6  # coefficients
 # Candidates for σ of the field, px, from the noise of a good match to more than any real rig has. In addition σ = 0 is
 # considered, as probable as all of them together.
 _FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
-_KNOWN_PX = 0.1  # σ below which a row difference is known: well below the errors that matter
 
 
 @record
@@ -53,7 +79,7 @@ class Rows:
     @classmethod
     def unknown(cls, projection: StereoProjection, config: Config) -> "Rows":
         """Return the prior."""
-        rules = config.rules.rows
+        rules = config.rules.of(RowRules)
         std_delay_s = 1e-9 if config.rig.exact else config.rig.std_delay_s
         n_field = field_over(projection.width, projection.height).size
         std = np.r_[np.full(_POLYNOMIAL, rules.std_px), std_delay_s, np.full(n_field, LEAST_PX)]
@@ -96,7 +122,7 @@ class Rows:
     def rms_px(self) -> float:
         """v_left − v_right at rest, root mean square over the places where it is known; NaN without any."""
         difference_px, std_px = self.over_image(9, 9)
-        known = std_px < _KNOWN_PX
+        known = std_px < self.rules.known_px
         return float(np.sqrt((difference_px[known] ** 2).mean())) if known.any() else float("nan")
 
     def after(self, z_px: Array, twist: Array) -> "Rows":

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...config.rules import ErrorRules
 from ...geometry import Array
 from ...record import changed, record
+from ..rules import ErrorRules
 
 _LAG = 5  # frames over which the decay is measured; most tracks live that long
 

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from ...config import Config, RigConfig
 from ...geometry import Array, se3
+from ...geometry.robust_rules import RobustRules
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection
 from ...geometry.view_stages import RawViews
 from ...pictures.content import image_note
 from ...pictures.prepared import PreparedImages
+from ...pictures.rules import ImageRules
 from ...rig_model.estimate import RigEstimate
 from ...types import ExpectedMotion, LastingErrors, MapStart, Observations
 from ..advance import Followed
@@ -25,11 +27,13 @@ from ..learnt.rows import Rows
 from ..learnt.template_errors import TemplateErrors, turn_of_slides
 from ..learnt.timing import Timing
 from ..new_points import begin_tracks, detect_missing
+from ..rules import ErrorRules, MotionRules
 from ..second_motions.ambiguity import AmbiguityMemory
 from ..second_motions.start_check import StartCheck
 from ..state import FrontEndState, Setup
 from ..tracker import follow
 from .map_start import begin_map, open_map
+from .two_view import MonoRules
 
 _LOST = "the motion was lost; a new map needs parallax"
 
@@ -49,9 +53,9 @@ class MonoFrontEnd:
             timing=Timing.unknown(projection, RigConfig(exact=True), None),  # one camera has no delay
             rows=Rows.unknown(projection, config),
             turn_watch=None,
-            errors=replace(TemplateErrors.begun_by(rules.errors), least_px=0.0),  # there is no other patch
-            ambiguity=AmbiguityMemory.none(rules.motion),
-            start=StartCheck.of(rules.motion),
+            errors=replace(TemplateErrors.begun_by(rules.of(ErrorRules)), least_px=0.0),  # there is no other patch
+            ambiguity=AmbiguityMemory.none(rules.of(MotionRules)),
+            start=StartCheck.of(rules.of(MotionRules)),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
@@ -75,8 +79,8 @@ class MonoFrontEnd:
             state, observed = self._with_right_sides(state, observed, followed)
         state = self._add_points(state, images)
         n = len(state.tracks)
-        min_inliers = self.setup.rules.robust.min_inliers
-        note = image_note(images, state.previous, n, n, min_inliers, self.setup.rules.images.black_grey)
+        min_inliers = self.setup.rules.of(RobustRules).min_inliers
+        note = image_note(images, state.previous, n, n, min_inliers, self.setup.rules.of(ImageRules))
         note = note or ("" if state.map.mapped else state.map.waiting)
         state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
         return state.followed_from(images, stamp_ns), replace(observed, note=note)
@@ -98,7 +102,7 @@ class MonoFrontEnd:
             return open_map(state.lost(), _LOST), None
         tracks = state.tracks
         front = tracks.points[:, 3] > -KNOWN_DEPTH_SIGMAS * np.sqrt(tracks.var_rho)
-        if front.mean() < self.setup.rules.mono.min_in_front:
+        if front.mean() < self.setup.rules.of(MonoRules).min_in_front:
             return open_map(state, _LOST), None
         followed = replace(followed, z_px=RawViews(followed.z_px[front]), cov_px=followed.cov_px[front])
         return replace(state, tracks=tracks.keep(front)), followed
@@ -110,7 +114,7 @@ class MonoFrontEnd:
 
         In case a map begins, all of them with right sides are in `start`.
         """
-        rules = self.setup.rules.mono
+        rules = self.setup.rules.of(MonoRules)
         p, tracks, rho_scene = self.setup.projection, state.tracks, state.map.rho_scene
         rho = tracks.points[:, 3]
         known = rho > KNOWN_DEPTH_SIGMAS * np.sqrt(tracks.var_rho)
@@ -121,8 +125,8 @@ class MonoFrontEnd:
         z_new, cov_new = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_new)
         new = tracks.ids >= state.map.first_unseen_id
         state = replace(state, map=replace(state.map, rho_scene=rho_scene, first_unseen_id=state.next_id))
-        drift_px = tracks.drift_px(followed.cam_from_previous, self.setup.slide_px)
-        std_turn_rad = turn_of_slides(drift_px, p.f_px, self.setup.rules.errors.alike)
+        drift_px = tracks.drift_px(followed.cam_from_previous, self.setup.slide_px, followed.blurred_px)
+        std_turn_rad = turn_of_slides(drift_px, p.f_px, self.setup.rules.of(ErrorRules).alike)
         z_all, cov_all = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_known)
         return state, replace(
             observed,
@@ -148,7 +152,7 @@ class MonoFrontEnd:
         aligner, slots = state.aligners[1].cut(images, corners_px, state.tracks.slots)
         rho, left_px = np.full(n, state.map.rho_scene if mapped else 0.0), corners_px.astype(float)
         points = np.column_stack([self.setup.projection.rays(left_px), np.ones(n), rho])
-        cov_px, var_rho = aligner.noise.typical_cov(n), (self.setup.rules.mono.unknown_depth * rho) ** 2
+        cov_px, var_rho = aligner.noise.typical_cov(n), (self.setup.rules.of(MonoRules).unknown_depth * rho) ** 2
         state = replace(state, aligners={1: aligner}, map=state.map if mapped else replace(state.map, n_opened=n))
         return begin_tracks(state, slots, left_px, cov_px, points, var_rho, np.zeros((n, 2)))
 

@@ -5,6 +5,7 @@ import numpy as np
 from ...geometry import Array, se3
 from ...geometry.view_stages import RawViews
 from ...pictures.prepared import PreparedImages
+from ...pictures.rules import FlowRules
 from ...record import changed
 from ..advance import Followed
 from ..aligned_views import align
@@ -12,7 +13,7 @@ from ..flow import as_exposed, track
 from ..rough_motion import RoughMotion
 from ..state import FrontEndState, Setup
 from ..tracks import Tracks
-from .two_view import TwoView, two_view_motion
+from .two_view import MonoRules, TwoView, two_view_motion
 
 
 def open_map(state: FrontEndState, why: str) -> FrontEndState:
@@ -30,7 +31,7 @@ def begin_map(setup: Setup, state: FrontEndState, images: PreparedImages) -> tup
     state = changed(state, map=changed(state.map, first_unseen_id=state.next_id))
     if not len(state.tracks):
         return open_map(state, "depths need a second view"), None
-    rules = setup.rules.mono
+    rules = setup.rules.of(MonoRules)
     state, cov_px = _follow_directions(setup, state, images)
     n, n_opened = len(state.tracks), state.map.n_opened
     if n < max(rules.min_tracks, rules.min_followed * n_opened):
@@ -54,16 +55,18 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
     if state.previous is None:
         return state, np.empty((0, 4, 4))
     expected_px = p.project_homogeneous(tracks.points)[:, :2]
-    before_half = as_exposed(state.previous, images, setup.rules.flow)
+    before_half = as_exposed(state.previous, images, setup.rules.of(FlowRules))
     levels = setup.config.frontend.pyramid_levels
-    at_px, found = track(aligner, setup.rules.flow, before_half, images, tracks.left_px, expected_px, levels)
+    at_px, found = track(
+        aligner, setup.rules.of(FlowRules), before_half, images, tracks.left_px, expected_px, levels
+    )
     state = changed(state, tracks=tracks.keep(found))
     n = len(state.tracks)
     by_flow = RoughMotion(np.eye(4), at_px[found], np.ones(n, bool), share=1.0)
     views = align(setup, state, images, by_flow, np.zeros(6))
     tracks, left_px, cov_px = state.tracks.keep(views.rows), views.z_px[:, :2], views.cov_px
     tracks = tracks.placed(p.rays(left_px), left_px, cov_px[:, :2, :2], tracks.points[:, 3], tracks.var_rho)
-    return changed(state, tracks=changed(tracks, exposures=views.exposures)), cov_px
+    return changed(state, tracks=changed(tracks, exposures=views.exposures, contrast=views.contrast)), cov_px
 
 
 def _begin(state: FrontEndState, found: TwoView, cov_px: Array) -> tuple[FrontEndState, Followed]:

@@ -5,15 +5,45 @@ its five observable degrees of freedom. |t| = 1: the first baseline is the unit 
 allows two motions; the one with more points in front is used.
 """
 
+from typing import Annotated
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config.rules import MonoRules
+from ...config.section import Section, expert
 from ...geometry import Array, se3
 from ...geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
 from ...record import record
 from .parallax import depths_from_motion, directions
+
+
+class MonoRules(Section, frozen=True, kw_only=True):
+    """With one camera: when a map begins, and the weight of its depths."""
+
+    # A motion that puts more points behind the camera is wrong.
+    min_in_front: Annotated[float, expert("least share of points in front of the camera", 0, 1)] = 0.5
+    # Estimators also get the views from which depths were learnt. In simulation (tests/estimators/test_mono.py) the
+    # mean NEES of the pose is then 3.8 and 3.7 for two motions (6 is expected); with 0.4 it was 8.9 and 6.9.
+    depth_std_factor: Annotated[float, expert("factor on the σ of depths that estimators get", 0.01, 100)] = 2.0
+    # One σ covers everything from infinity to a quarter of the distance of the scene, so the first parallax
+    # outweighs it.
+    unknown_depth: Annotated[float, expert("σ of an unknown inverse depth, medians of the scene", 0.01, 1000)] = 3.0
+    # With fewer, the rest may be a single moving object.
+    min_tracks: Annotated[int, expert("least number of points tracked since the opening frame", 8, 2000)] = 30
+    min_followed: Annotated[float, expert("least share of the points of the opening frame", 0, 1)] = 0.5
+    # One good ray in 2 000 is lost.
+    gate_sigmas: Annotated[float, expert("largest distance of a ray from its epipolar line, σ", 0.1, 1000)] = 3.5
+    # OpenCV's default is 0.999.
+    ransac_confidence: Annotated[float, expert("probability of a clean RANSAC draw", 0.5, 0.999999)] = 0.9999
+    # The usual width is 1.3, but RANSAC has already removed the outliers.
+    huber_sigmas: Annotated[float, expert("width of Huber's loss, σ", 0.1, 1000)] = 2.0
+    # A map begins when these hold; with stricter limits it begins later, with looser ones its first depths are worse.
+    min_agreement: Annotated[float, expert("share of rays that one motion must explain", 0, 1)] = 0.7
+    min_significance: Annotated[float, expert("least median of inverse depth over its σ", 1, 1e6)] = 10.0
+    max_std_direction_rad: Annotated[float, expert("largest σ of the motion's direction, rad", 1e-4, 10)] = 0.035
+    # Nearer points were passed or mismatched.
+    min_depth: Annotated[float, expert("least current depth, share of the first depth", 0, 1)] = 0.05
 
 
 @record

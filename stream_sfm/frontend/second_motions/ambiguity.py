@@ -8,10 +8,10 @@ something unique comes into view.
 
 from dataclasses import field
 
-from ...config.rules import MotionRules
 from ...geometry import Array, se3
 from ...geometry.resection import Resection, SecondMotion
 from ...record import changed, record
+from ..rules import MotionRules
 from ..tracks import Tracks
 from .confirmation import Confirmation
 

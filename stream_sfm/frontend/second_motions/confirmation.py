@@ -7,25 +7,21 @@ missing, on the scene as well as on the body, and those on the scene disagree.
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config.rules import MotionRules
 from ...geometry.evidence import Evidence, ratio_of_share
 from ...record import changed, record
-
-# The mean share is 0.93, as in calm scenes, and 0.81 says nothing: in crowds 0.68 to 0.77 of the new points agree with
-# a right or a wrong motion.
-_CALM = 13.0
+from ..rules import MotionRules
 
 
 @record
 class Confirmation:
     """The `evidence` that the motion followed is the camera's, by tracks whose ids are not below `next_id`.
 
-    `refuted`: whether the latest ones have taken back all that spoke for it.
+    `contradicted`: whether the latest ones have taken back all that spoke for it.
     """
 
     evidence: Evidence
     next_id: int = 0
-    refuted: bool = False
+    contradicted: bool = False
     rules: MotionRules = MotionRules()
 
     @classmethod
@@ -45,7 +41,7 @@ class Confirmation:
         """
         new = ids >= self.next_id
         agree, n = int(np.count_nonzero(new & accepted)), int(np.count_nonzero(new))
-        nats = ratio_of_share(agree, n, _CALM)
+        nats = ratio_of_share(agree, n, self.rules.new_favour)
         evidence = self.evidence.after(nats)
         next_id = max(self.next_id, int(ids[-1]) + 1 if len(ids) else 0)
-        return changed(self, evidence=evidence, next_id=next_id, refuted=nats < 0 and not evidence.change)
+        return changed(self, evidence=evidence, next_id=next_id, contradicted=nats < 0 and not evidence.change)

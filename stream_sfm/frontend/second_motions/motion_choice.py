@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...config.rules import Rules, StartRules
+from ...config.rules import Rules
 from ...geometry import Array, se3
 from ...geometry.medians import median
 from ...geometry.resection import (
@@ -24,35 +24,12 @@ from ...geometry.resection import (
     residuals_of,
 )
 from ...record import changed
-from ..rough_motion import RoughMotion, find_rough_motion
+from ..rules import MotionRules
 from ..seen import Seen
 from ..state import FrontEndState
 from ..step import Step
 from ..tracks import Tracks
-from .depth_order import depth_order, is_behind, is_deeper
-
-
-def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
-    """Return the rough motion, or that of the tracks that do not agree with it if these lie behind the others.
-
-    Only at the start of a map: later, votes have history.
-    """
-    rules, tracks, rest = step.setup.rules, state.tracks, np.flatnonzero(~rough.agree)
-    if state.start.is_over or len(rest) < max(MANY_VIEWS, rules.start.unexplained * len(tracks)):
-        return rough
-    other = find_rough_motion(changed(step, is_predicted=False), state.aligners, tracks.keep(rest))
-    if other is None:
-        return rough
-    left_px = step.setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
-    # far points fit both motions, within six σ of a position by flow
-    apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
-    others = tracks.keep(rough.agree & (apart_px > 6 * rules.flow.std_px * tracks.scale))
-    if not is_behind(step.setup, tracks.keep(rest[other.agree]), others):
-        return rough
-    left_px[rest[other.agree]] = other.left_px[other.agree]
-    agree = np.zeros(len(tracks), bool)
-    agree[rest[other.agree]] = True
-    return RoughMotion(other.cam_from_previous, left_px, agree, other.share)
+from .depth_order import StartRules, depth_order, is_behind, is_deeper
 
 
 def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Resection:
@@ -88,11 +65,11 @@ def _as_one(step: Step, seen: Seen, motion: Resection) -> Resection:
     one = refine(views, seen.weights, start, motion.amplitudes)
     alone = refine(views, seen.weights, second.cam_from_ref, motion.amplitudes)
     both = motion.accepted | second.views
-    if not one.ok or np.count_nonzero(one.accepted & both) < rules.motion.as_many * np.count_nonzero(both):
+    if not one.ok or np.count_nonzero(one.accepted & both) < rules.of(MotionRules).as_many * np.count_nonzero(both):
         return motion
     squared = np.where(second.views, alone.squared_residuals, motion.squared_residuals)
     odds = log_odds(changed(motion, squared_residuals=squared), one, both, views.gate)
-    return one if odds < rules.start.body else motion
+    return one if odds < rules.of(StartRules).body else motion
 
 
 def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, second: SecondMotion) -> Resection:
@@ -125,7 +102,7 @@ def _is_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection
 
     The speed of the second motion is no evidence, because a body may pass slowly.
     """
-    old = seen.before.agreed >= step.setup.rules.motion.full_history
+    old = seen.before.agreed >= step.setup.rules.of(MotionRules).full_history
     if state.ambiguity.lasts or step.jumps(motion.cam_from_ref, step.std_change):
         return False
     return bool(
@@ -147,7 +124,7 @@ def _uncovered(step: Step, seen: Seen, motion: Resection, second: SecondMotion) 
         known = alone if alone.ok else second
         return SecondMotion(known.cam_from_ref, known.cov_pose, second.views, 1.0, _history(followed))
     lasted = _history(only_second)
-    if lasted < step.setup.rules.motion.full_history or not is_deeper(step.setup, followed, only_second):
+    if lasted < step.setup.rules.of(MotionRules).full_history or not is_deeper(step.setup, followed, only_second):
         return second
     return changed(second, lasted=lasted)
 
@@ -166,7 +143,7 @@ def _by_samples(step: Step, motion: Resection, other: Resection) -> float:
     if step.by_inertia is None:
         return 0.0
     apart = step.distance2(other) - step.distance2(motion)
-    return 0.5 * apart if abs(apart) > step.setup.rules.motion.inertial_apart else 0.0
+    return 0.5 * apart if abs(apart) > step.setup.rules.of(MotionRules).inertial_apart else 0.0
 
 
 def _sampled(step: Step, seen: Seen, motion: Resection) -> Resection:
@@ -189,7 +166,7 @@ def _steady(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     views, old = seen.point_views, seen.before.agreed > 0
     fewest, near = views.settings.second_views, _of_old(step, seen, old, usual)
     agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
-    if not near.ok or agree < max(fewest, step.setup.rules.motion.as_many * agreed):
+    if not near.ok or agree < max(fewest, step.setup.rules.of(MotionRules).as_many * agreed):
         return motion
     only_other = motion.accepted & (near.squared_residuals > views.clear_gate)
     if np.count_nonzero(only_other) < fewest:  # few views distinguish the two
@@ -202,7 +179,7 @@ def _of_old(step: Step, seen: Seen, old: NDArray[np.bool_], std_change: Array) -
 
     `std_change` (6,): σ of a change from the prediction. If these tracks do not determine it, all views are used.
     """
-    views, settled = seen.point_views, seen.before.agreed >= step.setup.rules.motion.full_history
+    views, settled = seen.point_views, seen.before.agreed >= step.setup.rules.of(MotionRules).full_history
     if np.count_nonzero(settled) >= MANY_VIEWS:
         old = settled
     alone = resect(views.select(old), step.predicted, seen.weights[old], find_second=False)
@@ -228,9 +205,9 @@ def _without(step: Step, seen: Seen, motion: Resection, apart: NDArray[np.bool_]
     if not alone.ok or not other.ok:
         return motion
     body = motion.accepted & (other.squared_residuals > views.clear_gate)
-    if np.count_nonzero(other.accepted & agreed) < rules.motion.as_many * np.count_nonzero(agreed):
+    if np.count_nonzero(other.accepted & agreed) < rules.of(MotionRules).as_many * np.count_nonzero(agreed):
         return motion  # the motion of other points than these
-    if log_odds(other, motion, ~body, views.clear_gate) < rules.start.body:
+    if log_odds(other, motion, ~body, views.clear_gate) < rules.of(StartRules).body:
         return motion
     if not is_behind(step.setup, seen.before.keep(other.accepted & rest), seen.before.keep(body), fewest=1):
         return motion
@@ -260,11 +237,11 @@ def is_scene_hidden(step: Step, state: FrontEndState, seen: Seen, motion: Resect
     if np.count_nonzero(motion.accepted & trusted) >= min(MANY_VIEWS, 0.5 * np.count_nonzero(old)):
         return False
     new, rules = seen.before.keep(motion.accepted & ~trusted), step.setup.rules
-    if len(new) < rules.motion.hidden_views:
+    if len(new) < rules.of(MotionRules).hidden_views:
         return False
     rho, in_front = state.tracks.points[old, 3], False
     if len(rho):
-        in_front = median(new.points[:, 3]) > rules.start.deeper * median(rho)
+        in_front = median(new.points[:, 3]) > rules.of(StartRules).deeper * median(rho)
     usual = step.usual_change(state.unsteadiness) if in_front else step.std_change
     return state.background_hidden or step.jumps(motion.cam_from_ref, usual)
 
@@ -278,10 +255,10 @@ def may_be_scene(rules: Rules, tracks: Tracks, accepted: NDArray[np.bool_], fill
     """
     rest, followed = ~accepted, tracks.keep(accepted)
     if fills_view and rest.any():
-        as_far = followed.points[:, 3] < rules.start.deeper * median(tracks.points[rest, 3])
-        if np.count_nonzero(as_far) >= rules.motion.calm_start * len(followed):
+        as_far = followed.points[:, 3] < rules.of(StartRules).deeper * median(tracks.points[rest, 3])
+        if np.count_nonzero(as_far) >= rules.of(MotionRules).calm_start * len(followed):
             return np.zeros(len(tracks), bool)
-    return rest & (depth_order(tracks, followed, rules.start) >= 0)
+    return rest & (depth_order(tracks, followed, rules.of(StartRules)) >= 0)
 
 
 def contradict_far(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...geometry import Array
 from ...geometry.resection import MANY_VIEWS
+from ...pictures.rules import ImageRules
 from ..state import Setup
 from ..tracks import Tracks
 
@@ -17,7 +18,7 @@ def are_laid_over(setup: Setup, points: Array) -> NDArray[np.bool_]:
     """Return which points (n, 4) are in the same columns of both raw images, where points at infinity are not."""
     if setup.raw_shifts_px is None or not len(points):
         return np.zeros(len(points), bool)
-    rules, project = setup.rules.images, setup.projection.project_homogeneous
+    rules, project = setup.rules.of(ImageRules), setup.projection.project_homogeneous
     result = np.abs(setup.raw_shifts_px(project(points))[:, 0]) < rules.overlay_px
     far_px = setup.raw_shifts_px(project(points[result] * (1, 1, 1, 0)))[:, 0]
     result[result] = np.abs(far_px) > 6 * rules.overlay_px
@@ -27,7 +28,7 @@ def are_laid_over(setup: Setup, points: Array) -> NDArray[np.bool_]:
 def overlays(setup: Setup, tracks: Tracks, left_px: Array) -> NDArray[np.bool_]:
     """Return which tracks (n), which are at `left_px` (n, 2) now, are on such a picture, while most others move."""
     none = np.zeros(len(tracks), bool)
-    moves = np.linalg.norm(left_px - tracks.left_px, axis=1) > setup.rules.images.overlay_px
+    moves = np.linalg.norm(left_px - tracks.left_px, axis=1) > setup.rules.of(ImageRules).overlay_px
     if min(np.count_nonzero(moves), np.count_nonzero(~moves)) < MANY_VIEWS:
         return none
     laid_over = are_laid_over(setup, tracks.points)

@@ -6,14 +6,17 @@ in perfect agreement with the images. This requires that everything in view is r
 or the ground below it looks different where the wrong motion puts it, and decides between the two.
 """
 
+from typing import Annotated
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config.rules import RepetitionRules
+from ...config.section import Section, expert
 from ...geometry import Array, se3
 from ...geometry.point_views import PointViews
 from ...geometry.resection import MANY_VIEWS, MIN_VIEWS, SecondMotion, resect
+from ...geometry.robust_rules import RobustRules
 from ...geometry.view_stages import CorrectedViews
 from ...pictures.prepared import Image
 from ...record import changed
@@ -21,6 +24,30 @@ from ..rough_motion import RoughMotion, find_rough_motion
 from ..state import FrontEndState
 from ..step import Step
 from ..tracks import Tracks
+
+
+class RepetitionRules(Section, frozen=True, kw_only=True):
+    """Whether the scene is repetitive, so that another motion explains the images equally well."""
+
+    # Each costs most of a millisecond.
+    samples: Annotated[int, expert("number of tracks that are examined for look-alikes", 1, 1000)] = 24
+    # This is as for points of the coarse image.
+    half_px: Annotated[int, expert("half width of the correlated patch, px of the half-size image", 2, 50)] = 6
+    # This is as far as optical flow reaches.
+    reach: Annotated[int, expert("search range of look-alikes is the width over this", 1, 100_000)] = 3
+    # This is as along the row (`points.match_lead`): a patch with a smaller lead is a look-alike.
+    lead: Annotated[float, expert("lead in correlation over a patch that is not a look-alike", 0, 1)] = 0.06
+    # This is a whole pixel of the half-size image.
+    std_px: Annotated[float, expert("σ of the position of a look-alike, px", 0.1, 100)] = 2.0
+    # With fewer, a motion may be chance.
+    share: Annotated[float, expert("share of the look-alikes, by weight, that must move as one", 0, 1)] = 0.5
+    # Along a facade of equal windows, 8 or more of 96 look different at the other place; along a tiled wall hardly
+    # any do.
+    compared: Annotated[int, expert("tracks whose patches are compared at both places", 1, 2000)] = 96
+    # The correlation of a patch with itself, a frame later, is higher.
+    found: Annotated[float, expert("least correlation of a patch that is found again", 0, 1)] = 0.8
+    # This is five times the lead.
+    less: Annotated[float, expert("least drop of the correlation at a look-alike's place", 0, 2)] = 0.3
 
 
 def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
@@ -53,12 +80,14 @@ def _second_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMoti
     rows, alike_px = _look_alikes(step, tracks, rough)
     if not _repeats(step, alike_px):
         return None
-    projection, rules = step.setup.projection, step.setup.rules.repetition
+    projection, rules = step.setup.projection, step.setup.rules.of(RepetitionRules)
     seen = np.isfinite(alike_px[:, 0])
     alike = tracks.keep(rows[seen])
     points = alike.points, alike.cov_points(projection)
     cov_px = np.broadcast_to(rules.std_px**2 * np.eye(4), (len(alike), 4, 4))
-    views = PointViews(projection, *points, CorrectedViews(alike_px[seen]), cov_px, step.setup.rules.robust)
+    views = PointViews(
+        projection, *points, CorrectedViews(alike_px[seen]), cov_px, step.setup.rules.of(RobustRules)
+    )
     motion = resect(views, np.eye(4), find_second=False)
     if not motion.ok or motion.share < rules.share or _is_refuted(step, tracks, rough, motion.cam_from_ref):
         return None
@@ -74,7 +103,7 @@ def _still_repeats(step: Step, tracks: Tracks, rough: RoughMotion, second: Secon
 
 def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, second_from_previous: Array) -> bool:
     """Whether enough patches that flow has found look different where a second motion (4, 4) puts them."""
-    rules, before, now = step.setup.rules.repetition, step.previous.left_half, step.images.left_half
+    rules, before, now = step.setup.rules.of(RepetitionRules), step.previous.left_half, step.images.left_half
     rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
     rows = rows[:: max(1, len(rows) // rules.compared)]
     other_px = step.setup.projection.project_homogeneous(tracks.points[rows] @ second_from_previous.T)[:, :2]
@@ -85,7 +114,7 @@ def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, second_from_prev
         found = _likeness(patch, _window(now, rough.left_px[row], rules.half_px + 1))
         elsewhere = _likeness(patch, _window(now, at_px, 2 * rules.half_px))
         against += found > rules.found and elsewhere < found - rules.less
-    return against >= step.setup.rules.robust.second_views
+    return against >= step.setup.rules.of(RobustRules).second_views
 
 
 def _window(half: Image, at_px: Array, reach: int) -> Image | None:
@@ -107,7 +136,7 @@ def _likeness(patch: Image | None, window: Image | None) -> float:
 def _repeats(step: Step, alike_px: Array) -> bool:
     """Whether hardly any track lacks a look-alike (n, 4)."""
     unique = np.isnan(alike_px[:, 0])
-    return bool(unique.sum() < step.setup.rules.robust.second_views and (~unique).sum() >= MIN_VIEWS)
+    return bool(unique.sum() < step.setup.rules.of(RobustRules).second_views and (~unique).sum() >= MIN_VIEWS)
 
 
 def _look_alikes(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArray[np.intp], Array]:
@@ -115,13 +144,13 @@ def _look_alikes(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArra
 
     Views are NaN for tracks without one, and for all further tracks once enough have none.
     """
-    rules, before, now = step.setup.rules.repetition, step.previous.left_half, step.images.left_half
+    rules, before, now = step.setup.rules.of(RepetitionRules), step.previous.left_half, step.images.left_half
     rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
     rows = rows[:: max(1, len(rows) // rules.samples)]
     alike_px = np.full((len(rows), 4), np.nan)
     for k, row in enumerate(rows):
         alike_px[k, :2] = _look_alike(rules, before, now, tracks.left_px[row], rough.left_px[row])
-        if np.isnan(alike_px[: k + 1, 0]).sum() >= step.setup.rules.robust.second_views:
+        if np.isnan(alike_px[: k + 1, 0]).sum() >= step.setup.rules.of(RobustRules).second_views:
             break  # further ones change nothing, and each costs nearly a millisecond
     return rows, alike_px
 

@@ -5,7 +5,7 @@ reveal this (`confirmation.py`). While they contradict it, the motion may be tha
 to the scene (`may_be_scene`) do not count: a body that comes into view later is found again and again at the same
 places, and would look like much evidence. Disagreeing points do not count either in a frame whose second motion is that
 of points in front of the others. Once new points have confirmed the motion, or no track of the start is left, it relies
-on points that began later and is no longer in doubt. The poses before that remain unconfirmed. The map continues.
+on points that began later and is no longer contradicted. The poses before that remain unconfirmed. The map continues.
 """
 
 from dataclasses import field
@@ -13,9 +13,9 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config.rules import MotionRules
 from ...geometry.resection import MANY_VIEWS
 from ...record import changed, record
+from ..rules import MotionRules
 from .confirmation import Confirmation
 
 
@@ -23,13 +23,13 @@ from .confirmation import Confirmation
 class StartCheck:
     """The `confirmation` by new points since the start.
 
-    `doubted`: whether they once contradicted the motion. Tracks of the start have ids below `later_id`; `gone`: whether
-    they are no longer followed. `first_share`: the share of tracks that agreed with the motion of the first frame, 0
-    before it.
+    `contradicted`: whether they once were against the motion. Tracks of the start have ids below `later_id`; `gone`:
+    whether they are no longer followed. `first_share`: the share of tracks that agreed with the motion of the first
+    frame, 0 before it.
     """
 
     confirmation: Confirmation = field(default_factory=lambda: Confirmation.sought(MotionRules()))
-    doubted: bool = False
+    contradicted: bool = False
     later_id: int = 0
     gone: bool = False
     first_share: float = 0.0
@@ -47,7 +47,7 @@ class StartCheck:
     @property
     def problem(self) -> str:
         """The problem, or an empty string."""
-        if not self.doubted or self.is_over:
+        if not self.contradicted or self.is_over:
             return ""
         return (
             "too few of the new points agree with the motion since the start: it may be that of an object that moves "
@@ -71,7 +71,7 @@ class StartCheck:
     def settled(self) -> "StartCheck":
         """Return the check after other evidence has shown that the motion is the camera's."""
         evidence = changed(self.confirmation.evidence, is_there=True)
-        return changed(self, confirmation=changed(self.confirmation, evidence=evidence), doubted=False)
+        return changed(self, confirmation=changed(self.confirmation, evidence=evidence), contradicted=False)
 
     def after(self, ids: NDArray[np.int64], accepted: NDArray[np.bool_]) -> "StartCheck":
         """Return the check after a frame in which the tracks `ids` (n,), ascending, were found.
@@ -83,5 +83,5 @@ class StartCheck:
         confirmation = self.confirmation.after(ids, accepted)
         later_id = self.later_id or confirmation.next_id
         gone = bool(np.count_nonzero(accepted & (ids < later_id)) < MANY_VIEWS <= np.count_nonzero(accepted))
-        doubted = self.doubted or confirmation.refuted
-        return changed(self, confirmation=confirmation, doubted=doubted, later_id=later_id, gone=gone)
+        contradicted = self.contradicted or confirmation.contradicted
+        return changed(self, confirmation=confirmation, contradicted=contradicted, later_id=later_id, gone=gone)

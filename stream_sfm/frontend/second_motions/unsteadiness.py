@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ...config.rules import MotionRules
 from ...geometry import Array
 from ...record import record
+from ..rules import MotionRules
 
 
 @record

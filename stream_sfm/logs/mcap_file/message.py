@@ -114,7 +114,7 @@ class Source(Protocol):
 
 
 class Derived(Source):
-    """Another source with some of its topics made anew; what is not overridden is as it is there."""
+    """Another source with some of its topics made again; what is not overridden is as it is there."""
 
     def __init__(self, source: Source) -> None:
         self.source = source

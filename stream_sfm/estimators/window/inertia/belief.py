@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....config.inertia_rules import InertiaRules
 from ....geometry import Array, se3
 from ....geometry.linear import mahalanobis2
 from ....inertial.state import GRAVITY
 from ....record import changed, record
 from ....types import ExpectedMotion
 from .interval import Known
+from .rules import InertiaRules
 
 _DEGREES = 180 / np.pi
 _PARTS = slice(3, 6), slice(0, 3)  # of a motion: rotation, by the gyroscope, and translation, by the accelerometer
@@ -109,8 +109,8 @@ class Belief:
     """Whether samples describe the motion of the camera.
 
     `log_odds` (2,): by rotations and by translations; each is bounded, so that the latest frames decide. `lasted_s`:
-    the time since one of them became negative, or since none is. `is_out`: doubts have lasted, so that samples are not
-    used until they agree for as long. `restarts`: how often the state was impossible since it last was proven.
+    the time since one of them became negative, or since none is. `is_out`: contradictions have lasted, so that samples
+    are not used until they agree for as long. `restarts`: how often the state was impossible since it last was proven.
     `log_ratio`: smoothed logarithm of the ratio of rotations by gyroscope and by images.
     """
 
@@ -129,14 +129,14 @@ class Belief:
         return cls(rules, Evenly(rules.usual_frames, squares, squares))
 
     @property
-    def doubted(self) -> bool:
+    def contradicted(self) -> bool:
         """Whether the latest frames speak against the samples."""
         return min(self.log_odds) < 0
 
     @property
     def is_proven(self) -> bool:
         """Whether the samples have agreed for so long that a frame that contradicts them may show a moving body."""
-        return not self.doubted and not self.is_out and self.lasted_s >= self.rules.lasting_s
+        return not self.contradicted and not self.is_out and self.lasted_s >= self.rules.lasting_s
 
     def after(self, found: Innovation, is_fresh: bool = False) -> "Belief":
         """Return the belief after a frame.
@@ -161,10 +161,10 @@ class Belief:
         """Return the belief with more log odds (2,) after a time."""
         rules = self.rules
         sums = np.clip(np.array(self.log_odds) + gained, -rules.bound, rules.bound)
-        doubted = bool(sums.min() < 0)
-        lasted_s = self.lasted_s + seconds if doubted == self.doubted else 0.0
-        is_out = doubted if lasted_s >= rules.lasting_s else self.is_out
-        restarts = 0 if lasted_s >= rules.lasting_s and not doubted else self.restarts
+        contradicted = bool(sums.min() < 0)
+        lasted_s = self.lasted_s + seconds if contradicted == self.contradicted else 0.0
+        is_out = contradicted if lasted_s >= rules.lasting_s else self.is_out
+        restarts = 0 if lasted_s >= rules.lasting_s and not contradicted else self.restarts
         odds = float(sums[0]), float(sums[1])
         return changed(self, log_odds=odds, lasted_s=lasted_s, is_out=is_out, restarts=restarts)
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from .... import core
 from ....config import RigConfig
-from ....config.inertia_rules import InertiaRules
 from ....geometry import Array, se3
 from ....geometry.linear import symmetric
 from ....inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GRAVITY, GRAVITY_M_S2, GYRO_BIAS, SCALE, VELOCITY
 from ....record import changed, record
 from ....types import InertialEstimate
 from .interval import JOINT, Known
+from .rules import InertiaRules
 
 _SIZES = (1, 3, 1)  # of scale, axes and clock
 _THERE = np.array(list(product((0.0, 1.0), repeat=len(_SIZES))))  # which errors are not zero: all combinations

@@ -28,6 +28,7 @@ from .belief import Belief, Innovation, Steadiness
 from .checks import Densities, Jitter, impossible, inertial_estimate, with_odds
 from .inertial_window import InertialWindow
 from .interval import JOINT, Interval, Known, Transition, transition
+from .rules import InertiaRules
 from .trial import beside, corrected
 
 _BY_IMAGES = "poses are by images alone until samples agree with them for a while"
@@ -42,7 +43,7 @@ class Inertia:
     """The inertial knowledge of an estimator between frames; `now`: at the latest estimate, None before the first."""
 
     def __init__(self, config: Config) -> None:
-        self._config, self._rig, self._rules = config.imu, config.rig, config.rules.inertia
+        self._config, self._rig, self._rules = config.imu, config.rig, config.rules.of(InertiaRules)
         scale = _LEAST_STD_SCALE if config.rig.exact else max(config.rig.std_baseline, _LEAST_STD_SCALE)
         self._std_fixed = np.r_[scale, np.full(3, self._config.std_axes_rad), self._config.std_time_offset_s]
         self._calibration: ImuCalibration | None = None
@@ -73,7 +74,9 @@ class Inertia:
         Once they have agreed for long, a single contradicting frame shows a moving body.
         """
         belief = self._belief
-        return not (belief.is_out or belief.doubted) and (self._distance2 < self._rules.apart or belief.is_proven)
+        return not (belief.is_out or belief.contradicted) and (
+            self._distance2 < self._rules.apart or belief.is_proven
+        )
 
     def take(self, view: InertialView | None, stamp_ns: int) -> None:
         """Add the samples that came with a frame, unless inertia is switched off; no sample is added twice."""
@@ -261,7 +264,7 @@ class Inertia:
         if distance2 <= rules.apart:
             return motion, changed(frame, interval=interval)
         frame = changed(frame, interval=interval.open(distance2))  # it may be wrong, even if the others agree
-        if not (self._belief.doubted and self._belief.lasted_s):  # a single frame is no contradiction
+        if not (self._belief.contradicted and self._belief.lasted_s):  # a single frame is no contradiction
             return motion, frame
         self.contradiction = self._belief.problem
         other = SecondMotion(
@@ -368,9 +371,9 @@ class Inertia:
         if len(current.frames) == self._frames and not current.frames[0].is_ambiguous:
             self._densities = self._densities.after(window.surprise(current.system, *seen))
         known = with_odds(known, cov, self._std_fixed, self._rig)
-        doubted = known.cov.copy()
-        doubted[JOINT["pose"], JOINT["pose"]] += current.cov_ambiguous
-        self.now = changed(known, cov=doubted)  # predictions begin there
+        cov = known.cov.copy()
+        cov[JOINT["pose"], JOINT["pose"]] += current.cov_ambiguous
+        self.now = changed(known, cov=cov)  # predictions begin there
         self._steadiness, moved = self._steadiness.after(known)
         moved = moved and self._belief.is_proven  # its noise is not known before
         if moved or impossible(known.state, known.cov_state, self._rules):  # forget a state from a wrong motion

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from .... import core
-from ....config.inertia_rules import InertiaRules
 from ....geometry import Array, se3
 from ....geometry.linear import scaled_cholesky, symmetric
 from ....inertial.state import GRAVITY, GRAVITY_M_S2, STATE, VELOCITY
@@ -21,6 +20,7 @@ from ....record import changed, record
 from ..layout import Layout, layout
 from ..normal_equations import System
 from .interval import JOINT, OF_LEAVING, Interval, Intervals, Known, Leaving
+from .rules import InertiaRules
 
 _LEAST_SLIDE_RAD = 1e-7
 _OWN_SLIDE = np.eye(6)[:, 3:]  # Jacobian of the pose of a frame by its own slide

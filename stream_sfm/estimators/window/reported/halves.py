@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .... import core
-from ....config.reported_rules import ReportedRules
 from ....geometry import Array, se3
 from ....geometry.linear import Cholesky, mahalanobis2
 from ....geometry.medians import median
@@ -26,6 +25,7 @@ from ..inverse_depth import State, linearise, slides_px2
 from ..minimise import without_undetermined
 from ..state import WindowState
 from .relative import apart_from_newest
+from .rules import ReportedRules
 
 _TRACE = 1e-6  # share of the prior's information about points, which moves no half by a thousandth of its σ
 

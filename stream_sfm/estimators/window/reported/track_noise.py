@@ -9,9 +9,9 @@ that of its residuals and that of all tracks. The more the tracks of this run di
 import numpy as np
 from numpy.typing import NDArray
 
-from ....config.reported_rules import ReportedRules
 from ....geometry import Array
 from ....record import record
+from .rules import ReportedRules
 
 
 @record

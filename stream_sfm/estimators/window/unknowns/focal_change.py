@@ -8,13 +8,13 @@ from dataclasses import field
 import numpy as np
 
 from ....geometry import Array
+from ....geometry.sizes import REDRAWN
 from ....record import changed, record
 
 _STD_MEAN = 0.02  # of calm frames, before any: KITTI and Karlsruhe have 0.02 and 0.04
 # σ of a change from frame to frame: an autofocus that moves slowly, evenly, and at 10 % per second. With larger ones a
 # frame of few views, all of a wall, would show a zoom of 4 %.
 _STEPS = np.array([0.01, 0.05, 0.25])
-_DRAWN_ANEW = 0.05  # probability per frame of a step of another size
 
 
 def _even(sizes: Array) -> Array:
@@ -86,7 +86,7 @@ class Change:
         at = self.at + gain * (shown - self.at)
         mean = float(weights @ at)
         spread = float(weights @ ((1 - gain) * prior + (at - mean) ** 2))
-        return changed(self, at=mean, var=spread, steps=(1 - _DRAWN_ANEW) * weights + _DRAWN_ANEW * _even(_STEPS))
+        return changed(self, at=mean, var=spread, steps=(1 - REDRAWN) * weights + REDRAWN * _even(_STEPS))
 
 
 def log_normal(apart: Array, var: Array) -> Array:

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from .... import core
 from ....config import MotionConfig
 from ....geometry import Array
+from ....geometry.linear import LEAST_VARIANCE
 from ....geometry.medians import median
 from ....geometry.stereo import clamp_depth
 from ....record import changed
 from ....rig_model.estimate import CERTAIN
-from ....rig_model.model import LEAST_VARIANCE, RigModel
+from ....rig_model.model import RigModel
 from ....rig_model.terms import DISPARITY
 from ..inverse_depth import WhitenedViews, at_rest, expected, held, points_alone, timed
 from ..state import WindowState

@@ -1,8 +1,8 @@
-"""What reported covariances and poses are learnt from, each rule with its reason and its bounds."""
+"""The rules of what is reported: how long errors of views last, and how the reported pose follows the filter."""
 
 from typing import Annotated
 
-from .section import Section, expert
+from ....config.section import Section, expert
 
 
 class ReportedRules(Section, frozen=True, kw_only=True):

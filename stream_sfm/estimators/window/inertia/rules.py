@@ -1,8 +1,8 @@
-"""Thresholds for the weight of inertial samples in the window, each with its reason and its bounds."""
+"""The rules for inertial samples in the window: their priors, and when they are believed."""
 
 from typing import Annotated
 
-from .section import Section, expert
+from ....config.section import Section, expert
 
 
 class InertiaRules(Section, frozen=True, kw_only=True):
@@ -28,7 +28,7 @@ class InertiaRules(Section, frozen=True, kw_only=True):
     # Images of a camera that is shaken so are of no use, and a wrong prediction costs the tracks of a frame.
     most_change: Annotated[float, expert("largest predicted change of velocity, usual changes", 1, 1e6)] = 10.0
     lasting_s: Annotated[
-        float, expert("time after which agreement, doubts and gaps count as lasting, s", 0, 1000)
+        float, expert("time after which agreement, contradictions and gaps count as lasting, s", 0, 1000)
     ] = 1.0
     # A step of the bias by 0.2 m/s² on a walk is at 22, a mounting off by 0.1 m at 36 to 48. Without an error the
     # largest values are 3, 4, 6, and 11 in 300 frames of a real drone.

@@ -1,8 +1,8 @@
-"""Thresholds for outliers and lost frames, each with its reason and its bounds."""
+"""The rules for outliers and lost frames."""
 
 from typing import Annotated
 
-from .section import Section, expert, number
+from ..config.section import Section, expert, number
 
 
 class RobustRules(Section, frozen=True, kw_only=True):

@@ -1,8 +1,8 @@
-"""Thresholds of dense stereo and surfaces, each with its reason and its bounds."""
+"""The rules of dense stereo and surfaces."""
 
 from typing import Annotated
 
-from .section import Section, expert
+from ..config.section import Section, expert
 
 
 class DenseRules(Section, frozen=True, kw_only=True):
