@@ -34,8 +34,8 @@ def record(cls: type[T]) -> type[T]:
 
 def _member(value: Any) -> Any:
     """Return a member of a struct; a `default_factory` becomes that of msgspec, which is called for each record."""
-    made_anew: Any = value.default_factory if isinstance(value, Field) else None
-    return value if made_anew is None else msgspec.field(default_factory=made_anew)
+    factory: Any = value.default_factory if isinstance(value, Field) else None
+    return value if factory is None else msgspec.field(default_factory=factory)
 
 
 class _Fields:
@@ -116,11 +116,11 @@ def with_changes(of: T, changes: Mapping[Kind, Change]) -> T:
     """
     values = {}
     for each in fields(of):  # type: ignore[arg-type]
-        value, said = getattr(of, each.name), about(each)
-        if value is not None and said.kind is Kind.PARTS:
+        value, meaning = getattr(of, each.name), about(each)
+        if value is not None and meaning.kind is Kind.PARTS:
             values[each.name] = with_changes(value, changes)
-        elif value is not None and said.kind is not None and said.kind in changes:
-            values[each.name] = changes[said.kind](value, getattr(of, said.of or each.name))
+        elif value is not None and meaning.kind is not None and meaning.kind in changes:
+            values[each.name] = changes[meaning.kind](value, getattr(of, meaning.of or each.name))
     return replace(of, **values)  # type: ignore[type-var]
 
 

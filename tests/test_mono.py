@@ -154,7 +154,7 @@ def test_a_log_of_one_camera_is_replayed_and_every_output_says_unscaled(one_came
     assert summary["unscaled"] is True and "unscaled" in summary["unit_of_length"]
     assert summary["frames"]["paired"] == summary["frames"]["estimated"] == 16
     truth = summary["ground_truth"]
-    assert set(truth) - {"frames_in_doubt", "frames_ignored"} == {
+    assert set(truth) - {"frames_ignored"} == {
         "ate_rmse_sim3_m", "ate_sim3_percent", "metres_per_unit", "true_path_length_m", "frames_compared"
     }  # fmt: skip
     assert truth["true_path_length_m"] == pytest.approx(path_length_m(camera_path(16)), rel=1e-6)

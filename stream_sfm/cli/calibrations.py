@@ -46,14 +46,14 @@ def refine(
         for log, before, after, of_unit in zip(logs, refined.before, refined.after, refined.of_unit, strict=True)
     ]
     if json:
-        print_json({"out": out, "said": list(refined.said), "logs": found})
+        print_json({"out": out, "notes": list(refined.notes), "logs": found})
         return
-    _print(found, refined.said, out)
+    _print(found, refined.notes, out)
 
 
-def _print(found: list[dict[str, Any]], said: Sequence[str], out: str) -> None:
-    """Print what was said, the figures of each log without and with the result, and the verdict on it."""
-    print("\n".join([*said, *(f"{of['log']}: {'; '.join(of['imu'])}" for of in found if of["imu"])]))
+def _print(found: list[dict[str, Any]], notes: Sequence[str], out: str) -> None:
+    """Print the notes, the figures of each log without and with the result, and the verdict on it."""
+    print("\n".join([*notes, *(f"{of['log']}: {'; '.join(of['imu'])}" for of in found if of["imu"])]))
     headings = [
         "log",
         "calibration",

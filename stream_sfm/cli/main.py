@@ -201,8 +201,8 @@ def _reported(app: "App", words: list[str], error: BaseException) -> tuple[int, 
             where = error.filename or "the standard output"
             return ExitCode.INPUT, f"cannot write {where}: {error.strerror}", ""
     if memory.is_refused(error):
-        said = f" ({error})" if str(error) else ""
-        return ExitCode.INPUT, f"{_NO_MEMORY}{said}; results so far are written", ""
+        reason = f" ({error})" if str(error) else ""
+        return ExitCode.INPUT, f"{_NO_MEMORY}{reason}; results so far are written", ""
     advice = "this is a defect of stream-sfm; please report it with the output of --debug"
     return ExitCode.DEFECT, f"{type(error).__name__}: {error}".splitlines()[0], advice
 

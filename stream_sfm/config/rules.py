@@ -45,7 +45,10 @@ class Rules(Section, frozen=True):
 
     def of(self, kind: type[_Kind]) -> _Kind:
         """Return the section of this kind, with its defaults if it has not been changed."""
-        return next((section for section in self.changed if isinstance(section, kind)), _default(kind))
+        for section in self.changed:
+            if isinstance(section, kind):
+                return section
+        return _default(kind)
 
 
 @cache

@@ -22,9 +22,7 @@ class FrontendConfig(Section, frozen=True, kw_only=True):
     max_tracks: Annotated[int, number("most points tracked at the same time", 20, 2000)] = 200
     # Chosen by hand: with less, corners are sought in more frames; with more, parts of the view are left without
     # points.
-    renew_fraction: Annotated[float, expert("start new tracks once this share of max_tracks is missing", 0, 1)] = (
-        0.05
-    )
+    renew_fraction: Annotated[float, expert("start new tracks once this share of them is missing", 0, 1)] = 0.05
     # Chosen by hand: patches overlap by half at most, so that their errors differ.
     min_corner_distance_px: Annotated[float, expert("least distance of a new corner from any point", 2, 200)] = 12.0
     # Chosen by hand: a lower limit admits points in weak texture, whose covariance is large. Dark images get a
@@ -48,9 +46,7 @@ class FrontendConfig(Section, frozen=True, kw_only=True):
     max_photometric_error: Annotated[float, expert("largest deviation of a patch, grey values", 1, 255)] = 20.0
     # Chosen by hand: the nearest depth is f·B over this share of the width; a wider search is slower and errs more
     # often.
-    max_disparity_fraction: Annotated[float, number("largest disparity, share of the image's width", 0.01, 1)] = (
-        0.25
-    )
+    max_disparity_fraction: Annotated[float, number("largest disparity, share of the width", 0.01, 1)] = 0.25
 
 
 class WindowConfig(Section, frozen=True, kw_only=True):
@@ -65,20 +61,14 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     converged: Annotated[float, expert("stop below this expected decrease of the squares, σ²", 1e-6, 1e12)] = 1e4
     # It is at most 0.025 px on rendered images, and larger within six frames on real ones. Without a field the rig
     # has 20 errors instead of 44 to 65.
-    least_field_px: Annotated[
-        float, expert("σ of the disparity error field beyond which it is estimated, px", 0, 100)
-    ] = 0.03
+    least_field_px: Annotated[float, expert("σ of the disparity field that is estimated, px", 0, 100)] = 0.03
     # A point that never agreed carries little weight beside one that did.
-    no_history: Annotated[float, expert("weight of a point that never agreed with the map, frames", 1e-6, 100)] = (
-        0.1
-    )
+    no_history: Annotated[float, expert("weight of a point that never agreed, frames", 1e-6, 100)] = 0.1
     # With a gate of 99.9 %, six rejections of a good track are unlikely; with more, slow movers are used for
     # longer.
     rejections: Annotated[int, expert("rejections after which a track is no longer used", 1, 1000)] = 6
     # The gate is twice as wide.
-    moved_sigmas: Annotated[float, expert("shift of views by the rig that resets the rejections, σ", 0.01, 1e6)] = (
-        2.0
-    )
+    moved_sigmas: Annotated[float, expert("shift of views by the rig that resets rejections, σ", 0.01, 1e6)] = 2.0
     # Several times the noise of a predicted position. A view that has moved by less shows the rig errors of the
     # same place in the image as before.
     rests_px: Annotated[float, expert("motion per frame below which a view rests, px", 0, 100)] = 0.3
@@ -158,9 +148,7 @@ class RigConfig(Section, frozen=True, kw_only=True):
     least_twist: Annotated[float, expert("least σ of a twist, share of a frame's acceleration", 1e-3, 100)] = 0.1
     # A fifth of the noise of a good view. From 0.07 on, a shaken pair with a right camera 8 ms late has 1.5 to 2 times
     # smaller σ than errors; on KITTI it is 0.015 once the readout is known.
-    twist_moves_px: Annotated[
-        float, expert("motion of views by the error of a twist from which on it counts, px", 0, 1e8)
-    ] = 0.02
+    twist_moves_px: Annotated[float, expert("motion of views by a twist's error that counts, px", 0, 1e8)] = 0.02
     # With 0.2 the focus of an exact camera that looks down on a lawn seems to move, and the run fails: a rendered
     # mower ends up to 15 m off instead of 0.03, with every frame or every other. KITTI would be 3 to 12 % better.
     odds: Annotated[float, expert("prior odds of a cause of errors, or of an inertial error", 1e-12, 1e6)] = 0.05
@@ -182,7 +170,7 @@ class ImuConfig(Section, frozen=True, kw_only=True):
 
     enabled: Annotated[bool, Meta(description="use inertial samples if there are any")] = True
     # Kalibr achieves a tenth of that; drawings and tf of robots are within half a degree.
-    std_axes_rad: Annotated[float, expert("σ of the unit's rotation to the camera, each axis, rad", 1e-6, 0.5)] = (
+    std_axes_rad: Annotated[float, expert("σ of the unit's rotation to the camera, per axis, rad", 1e-6, 0.5)] = (
         0.01
     )
     # Triggered cameras have stamps within a millisecond; others are stamped on arrival.
@@ -194,9 +182,7 @@ class ImuConfig(Section, frozen=True, kw_only=True):
 class RosConfig(Section, frozen=True, kw_only=True):
     """Frames and axes in `estimates.mcap`, as ROS names them; they affect nothing else."""
 
-    world_frame: Annotated[str, Meta(description="the fixed frame in which the path may jump; map in REP 105")] = (
-        "map"
-    )
+    world_frame: Annotated[str, Meta(description="fixed frame in which the path may jump; map in REP 105")] = "map"
     odom_frame: Annotated[str, Meta(description="the fixed frame in which the path never jumps")] = "odom"
     base_frame: Annotated[
         str,
@@ -211,9 +197,7 @@ class RosConfig(Section, frozen=True, kw_only=True):
         bool, expert("use inertial samples to turn z of the world upwards; a replay adds trajectory_gravity.tum")
     ] = False
     camera_x_m: Annotated[float, number("position of the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
-    camera_y_m: Annotated[float, number("position of the camera in base_frame: to the left, metres", -1e3, 1e3)] = (
-        0.0
-    )
+    camera_y_m: Annotated[float, number("position of the camera in base_frame: left, metres", -1e3, 1e3)] = 0.0
     camera_z_m: Annotated[float, number("position of the camera in base_frame: upwards, metres", -1e3, 1e3)] = 0.0
     camera_roll_deg: Annotated[
         float, number("roll of the camera about x, applied first; 0 if it is upright; degrees", -360, 360)

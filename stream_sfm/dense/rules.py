@@ -9,9 +9,7 @@ class DenseRules(Section, frozen=True, kw_only=True):
     """Dense stereo and surfaces (`stream-sfm surface`)."""
 
     # Chosen by hand: twice the range of the points, for surfaces close to the camera. Each frame narrows it.
-    max_disparity_fraction: Annotated[float, expert("largest disparity, share of the image's width", 0.01, 0.9)] = (
-        0.5
-    )
+    max_disparity_fraction: Annotated[float, expert("largest disparity, share of the width", 0.01, 0.9)] = 0.5
     # OpenCV recommends 3 to 11 for semi-global matching; larger blocks are smoother and lose thin objects.
     block_px: Annotated[int, expert("edge of the matched block, pixels, odd", 3, 21)] = 7
     # OpenCV recommends 5 to 15. The lowest is enough, because the left-right check and σ also reject mismatches.

@@ -37,7 +37,7 @@ CONSISTENCY_COMPARED = (
     Figure("nees_pose_mean", "NEES, with what all share", "6 expected"),
 )
 # Figures if the errors of the truth exceed the differences of the methods.
-CONSISTENCY_UNTOLD = (
+CONSISTENCY_OF_HALVES = (
     Figure("sigma_factor", "σ would have to grow by", "from halves of the tracks"),
     Figure("nees_pose_mean_without_common", "NEES, of the truth's errors", "6 expected"),
     Figure("nees_pose_mean", "NEES, with what all share", "6 expected"),

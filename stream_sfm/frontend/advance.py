@@ -11,8 +11,7 @@ from .learnt.pair_check import Found
 from .learnt.sharpness import lost_or_gained
 from .mono.parallax import update_by_parallax
 from .rules import ErrorRules, MotionRules
-from .second_motions.depth_order import StartRules
-from .second_motions.motion_choice import contradict_far, may_be_scene
+from .second_motions.motion_choice import may_be_scene
 from .second_motions.start_check import StartCheck
 from .second_motions.unsteadiness import Unsteadiness
 from .seen import Seen
@@ -113,8 +112,7 @@ def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, ambi
     start = start.begun_with(float(motion.accepted.mean()))
     counts = motion.accepted
     if motion.second is None or not motion.second.in_front:
-        others = may_be_scene(step.setup.rules, seen.before, motion.accepted, start.fills_view)
-        counts = counts | (others & ~contradict_far(step.setup.rules.of(StartRules), seen, motion, others))
+        counts = counts | may_be_scene(step.setup.rules, seen.before, motion.accepted, start.fills_view)
     return start.after(seen.before.ids[counts], motion.accepted[counts])
 
 

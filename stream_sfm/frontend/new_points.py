@@ -32,9 +32,7 @@ class PointRules(Section, frozen=True, kw_only=True):
     # On KITTI this saves 1.2 of 16 ms with unchanged figures. Every second time, and on bare walls, it is the whole
     # row.
     search_factor: Annotated[float, expert("length of the search on a row, largest disparities", 1, 1000)] = 1.5
-    search_margin_px: Annotated[
-        float, expert("margin that is added to the length of the search on a row, px", 0, 10_000)
-    ] = 16.0
+    search_margin_px: Annotated[float, expert("margin of the length of the search on a row, px", 0, 10_000)] = 16.0
     # This covers a whole-pixel match and its neighbour.
     match_tolerance_px: Annotated[float, expert("largest error of a match, px of the coarse image", 0.5, 50)] = 2.0
     # With a larger offset, a depth edge crosses the patch. On renders, RMS structure error over σ fell from 7.3 to
@@ -45,25 +43,17 @@ class PointRules(Section, frozen=True, kw_only=True):
     # Up to twice as many are added. In a corridor with bare corners drift is 14 % without them, 0.2 % with them.
     bare_fraction: Annotated[float, expert("share of max_tracks below which templates are wide", 0, 1)] = 0.25
     # A slope of a quarter of a grey value per pixel, twice what noise and rounding leave in the reduced image.
-    min_wide_response: Annotated[float, expert("least eigenvalue of the gradients of wide templates", 1e-12, 1)] = (
-        1e-6
-    )
+    min_wide_response: Annotated[float, expert("least eigenvalue of gradients of wide templates", 1e-12, 1)] = 1e-6
     # This is half of the default patch, and so the same size in half-size images.
     match_radius_px: Annotated[int, expert("half width of the window correlated along the row, px", 1, 100)] = 5
     # Smoothing gives neighbours the same noise. There are as many matches as with all samples, in a third of the
     # time.
-    match_spacing_px: Annotated[
-        int, expert("spacing of the samples of a window correlated along the row, px", 1, 100)
-    ] = 2
+    match_spacing_px: Annotated[int, expert("spacing of the samples of a correlated window, px", 1, 100)] = 2
     # Chosen by hand: higher values reject blurred or slanted patches; lower ones admit wrong matches, most of which
     # the alignment and the check of halves reject.
     match_correlation: Annotated[float, expert("least correlation of a match", -1, 1)] = 0.75
-    match_lead: Annotated[float, expert("lead in correlation over the best match elsewhere on the row", 0, 2)] = (
-        0.06
-    )
-    match_neighbours_px: Annotated[
-        int, expert("neighbours of a match that do not compete with it, px", 0, 1000)
-    ] = 2
+    match_lead: Annotated[float, expert("lead in correlation over other matches on the row", 0, 2)] = 0.06
+    match_neighbours_px: Annotated[int, expert("neighbours of a match that do not compete, px", 0, 1000)] = 2
     # Chosen by hand: on most surfaces the disparity changes more slowly.
     std_slope: Annotated[float, expert("prior σ of the disparity slope across a patch, px per px", 1e-3, 10)] = 0.15
     # Chosen by hand: a patch of 21 px then spans 10 px of disparity, more than a single surface does.

@@ -26,7 +26,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
     # With 1, 41 frames of KITTI 06 are degraded.
     slides_most: Annotated[float, expert("multiple of the template drift that a track survives", 0, 100)] = 2.0
     # Because of noise, not all of them agree even with the right motion.
-    as_many: Annotated[float, expert("share of old tracks that must agree with the steadier motion", 0, 1)] = 0.9
+    as_many: Annotated[float, expert("share of a motion's views that one in its place must explain", 0, 1)] = 0.9
     # This is long enough to average, and short enough to follow a camera that is put on a vehicle.
     unsteady_frames: Annotated[int, expert("frames over which changes of the motion are averaged", 1, 10_000)] = 30
     # A few frames say more than the assumptions about any camera.
@@ -41,15 +41,13 @@ class MotionRules(Section, frozen=True, kw_only=True):
     one_body: Annotated[bool, expert("refuse motions between those of two bodies")] = True
     poor_frames: Annotated[bool, expert("give all views more noise if most of them fit badly")] = True
     # A jump of a moving body says nothing about the camera.
-    most_unsteady: Annotated[
-        float, expert("cap on a squared change of motion, multiple of the earlier mean", 1, 1e6)
-    ] = 9.0
+    most_unsteady: Annotated[float, expert("cap on a squared change of motion, multiples of the mean", 1, 1e6)] = (
+        9.0
+    )
     # Squared distances of six unknowns are 6 on average.
     inertial_near: Annotated[float, expert("largest squared distance of a motion from inertia", 0, 1e6)] = 20.0
     # This corresponds to odds of 1800.
-    inertial_apart: Annotated[
-        float, expert("least difference between two motions' squared distances from inertia", 0, 1e6)
-    ] = 15.0
+    inertial_apart: Annotated[float, expert("least difference of squared distances from inertia", 0, 1e6)] = 15.0
 
 
 class ErrorRules(Section, frozen=True, kw_only=True):
@@ -66,19 +64,13 @@ class ErrorRules(Section, frozen=True, kw_only=True):
     left_fraction: Annotated[float, expert("lasting error of the left side, share of the right one", 0, 1)] = 0.25
     first_white: Annotated[float, expert("first guess of the white part of the error, σ²", 1e-3, 100)] = 1.0
     first_lasting: Annotated[float, expert("first guess of the lasting part of the error, σ²", 0, 100)] = 0.3
-    first_decay: Annotated[float, expert("first guess of the decay of lasting errors per frame", 0.01, 0.999)] = (
-        0.92
-    )
+    first_decay: Annotated[float, expert("first guess of the decay of lasting errors", 0.01, 0.999)] = 0.92
     # One frame has about as many.
-    guess_pairs: Annotated[float, expert("weight of the first guess of lasting errors, pairs of views", 1, 1e6)] = (
-        200.0
-    )
+    guess_pairs: Annotated[float, expert("weight of the guess of lasting errors, pairs of views", 1, 1e6)] = 200.0
     # A hundred frames: the errors are a property of cameras and scene and change slowly.
     memory_pairs: Annotated[float, expert("pairs of views that are remembered", 1, 1e8)] = 20_000.0
     # Older points get the least σ.
-    remembered_points: Annotated[int, expert("points whose shared disparity error is remembered", 1, 10**7)] = (
-        20_000
-    )
+    remembered_points: Annotated[int, expert("points whose shared error is remembered", 1, 10**7)] = 20_000
     # Beyond it the match may be wrong.
     most_row_sigmas: Annotated[float, expert("largest row difference of a view that counts, σ", 0.1, 1000)] = 3.0
     # From then on information grows at a steady rate.

@@ -1,7 +1,10 @@
 """Robust statistics of a few numbers: medians, their values for Gaussian noise, and the width of robust weights."""
 
+from typing import Any
+
+from numpy.typing import NDArray
+
 from .. import core
-from .se3 import Array
 
 MAD_TO_STD = 1.4826  # closed form: median absolute deviation to σ of a Gaussian
 # Width of Cauchy weights, in standard deviations; it has 95 % efficiency on Gaussian noise (literature).
@@ -10,7 +13,7 @@ CAUCHY_WIDTH = core.CAUCHY_WIDTH
 MEMORY_FRAMES = 20
 
 
-def median(values: Array) -> float:
+def median(values: NDArray[Any]) -> float:
     """Return the median of finite values (n,), n ≥ 1; NumPy's own takes eight times as long."""
     ordered, n = values.copy(), len(values)
     ordered.sort()

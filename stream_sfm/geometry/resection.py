@@ -120,27 +120,13 @@ def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: A
     return filled(Resection, found, ambiguous_share=views.settings.ambiguous_share)
 
 
-def expected(found: Resection, predicted: Array, cov_predicted: Array) -> Resection:
-    """Return the combination of a motion from views and a prediction (4, 4) with its covariance (6, 6), eq. (23e)."""
+def combined(found: Resection, other_from_ref: Array, cov_other: Array) -> Resection:
+    """Return the combination of a motion with another one (4, 4) with its covariance (6, 6), eq. (23e)."""
     cov = found.cov_pose
-    gain = np.linalg.solve(cov + cov_predicted, cov).T
-    back = se3.log(found.cam_from_ref @ se3.inverse(predicted))
+    gain = np.linalg.solve(cov + cov_other, cov).T
+    back = se3.log(found.cam_from_ref @ se3.inverse(other_from_ref))
     cam_from_ref = se3.exp(-gain @ back) @ found.cam_from_ref
     return changed(found, cam_from_ref=cam_from_ref, cov_pose=cov - gain @ cov)
-
-
-def judged(found: Resection, views: PointViews, weights: Array) -> Resection:
-    """Return a motion of some of the views (n) judged by all of them: which agree with it unchanged."""
-    squared = residuals_of(views, found.cam_from_ref, found.amplitudes)
-    accepted = squared < views.gate
-    return changed(
-        found,
-        accepted=accepted,
-        squared_residuals=squared,
-        chi2=float(squared[accepted].sum()),
-        dof=int(np.isfinite(views.z_px[accepted]).sum()),
-        share=float(weights[accepted].sum() / weights.sum()),
-    )
 
 
 def residuals_of(views: PointViews, cam_from_ref: Array, amplitudes: Array | None = None) -> Array:

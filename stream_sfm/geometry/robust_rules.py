@@ -23,15 +23,11 @@ class RobustRules(Section, frozen=True, kw_only=True):
     second_views: Annotated[int, expert("least number of views of a second motion", 3, 1_000_000)] = 8
     # 6 are expected. Frames that follow a moving body have 13 to 140; so do some with a wrong calibration, but
     # these reject no views.
-    halves_apart: Annotated[float, expert("squared distance at which halves of the views disagree, σ²", 0, 1e8)] = (
-        12.0
-    )
+    halves_apart: Annotated[float, expert("squared distance at which halves disagree, σ²", 0, 1e8)] = 12.0
     # All views of a half share some errors, above all those of the calibration.
     shared_noise: Annotated[float, expert("share of the variance that views of a half share", 0, 1)] = 0.01
     # Moving bodies have 0.05 to 0.3, halves of the last frames of a drone 1.
-    max_odds: Annotated[float, expert("evidence that one rigid motion may leave out, share of its own", 0, 1e6)] = (
-        0.5
-    )
+    max_odds: Annotated[float, expert("evidence that a motion may leave out, share of its own", 0, 1e6)] = 0.5
     # It is a little wider while the motion still changes fast, so that fewer good views are lost.
     first_half_weight: Annotated[
         float, expert("squared residual of half weight in the first steps, times the expected", 0.1, 1e6)
@@ -52,20 +48,16 @@ class RobustRules(Section, frozen=True, kw_only=True):
     # Closed form: with 60 % outliers none is clean by (1 - 0.4³)²⁵⁶ < 1e-7, with one side by (1 - 0.4⁴)²⁵⁶ = 0.0013.
     samples: Annotated[int, expert("random samples of a search for a motion, at most", 1, 10_000)] = 256
     # Noise makes some of them useless.
-    clean_samples: Annotated[
-        int, expert("expected samples without outliers once it is known how many views agree", 1, 10_000)
-    ] = 20
+    clean_samples: Annotated[int, expert("expected number of samples without outliers", 1, 10_000)] = 20
     # From a rough start, a fifth step does not change the ranking.
     sample_steps: Annotated[int, expert("Gauss-Newton steps from a sample", 1, 100)] = 4
     # Few noisy views fix a motion only roughly, so the order of the samples is rough.
     refined: Annotated[int, expert("number of best samples that are refined with all views", 1, 1000)] = 12
     # The first gate takes in the neighbourhood of a rough motion, the second its own views.
-    first_refining_gates: Annotated[
-        float, expert("gates of the views that refine a sample in the first round", 1, 1e6)
-    ] = 16.0
-    refining_gates: Annotated[
-        float, expert("gates of the views that refine a sample in the second round", 1, 1e6)
-    ] = 4.0
+    first_refining_gates: Annotated[float, expert("first round: gates of views that refine a sample", 1, 1e6)] = (
+        16.0
+    )
+    refining_gates: Annotated[float, expert("second round: gates of views that refine a sample", 1, 1e6)] = 4.0
     refining_steps: Annotated[int, expert("Gauss-Newton steps of each round that refines a sample", 1, 100)] = 2
     # The extent decides if history does not, by a factor of 0.56 at least, as a background may show through a gap.
     extent_power: Annotated[float, expert("power of the extent of the views in a motion's support", 0, 10)] = 0.25

@@ -10,7 +10,7 @@ class SampleSettings:
     kept_s: float = 12.0  # of samples; a longer interval is not bridged
     waiting: int = 100_000  # waiting samples before the oldest are dropped: more than a minute of any unit
     # Longer ones are gaps, and so are those that are longer than `dense_s`: within it a hand turns evenly, so that a
-    # straight line between two samples tells the motion. With gaps nothing is predicted.
+    # straight line between two samples shows the motion. With gaps nothing is predicted.
     gap_periods: float = 3.0
     dense_s: float = 0.03
     fewest: int = 10  # samples that show how often they come

@@ -1,20 +1,11 @@
 """Checks whether earlier images show through, as when cameras or recorders average frames against noise.
 
-A camera that delivers a·(last image) + (1 − a)·(current view) delays all steady motion by a/(1 − a) frames. While the
-motion changes, patches are mixtures of two places, and alignment puts them somewhere in between. Both cameras do the
-same, so left and right are consistent. The evidence is a second picture in each patch: the one that was at the same
-pixels in the last frame, or in an earlier one if the view has hardly moved since. A patch I is compared with the patch
-T of the same point some frames earlier, and with the patch P of the last image at the pixels of I. Changes of light,
-position, warp and blur of T explain most of I: their regressors are 1, T, its first derivatives, these times x and y,
-and its second derivatives. The residual of I, r_I, is regressed on the residual of P, r_P: over all patches,
-share = Σ r_I·(r_P − r_O) / Σ r_P². It is a, or aⁿ with the n-th image before, if T has no ghost of its own, less if T
-has a similar one, and zero in sound images, whose noise is independent between frames. O is the patch of the last image
-on the other side of the point: changes by a fast approach resemble O as much as P.
-
-The second control is the direction of time: r_I·r_P less the same with the two images exchanged, r_J·r_N, where J is
-the patch in the last image and N the patch of the current image at the pixels of J. Sensor patterns that stay at their
-pixels, dust, and the effect of sampling on fine texture are the same in both directions; a ghost is only of the past.
-The control with less evidence counts.
+Such a camera delays motion by a/(1 − a) frames, left and right alike (docs/mathematics.md, section 8). The evidence is
+a second picture in each patch I: the patch P of an earlier image at the same pixels. What the patch T of the same point
+some frames earlier explains of I, with changes of light, position, warp and blur, is taken out; the rest r_I is
+regressed on that of P, with two controls, of which the one with less evidence counts: O, the patch of the last image on
+the other side of the point, which a fast approach resembles as much as P; and the same with both images exchanged (J,
+N), as sensor patterns and sampling are alike in both directions of time.
 """
 
 from typing import Annotated, ClassVar
@@ -48,9 +39,7 @@ class GhostRules(Section, frozen=True, kw_only=True):
     share: Annotated[float, expert("least share of the previous image that counts as showing through", 0, 1)] = 0.04
     # In 330 frames of sound logs, real and rendered, none then has more than 3 nats. With noise reduction of 0.2
     # to 0.5, two moving frames have 12.
-    std_share: Annotated[
-        float, expert("σ of the share of the previous image from frame to frame in sound images", 1e-6, 1)
-    ] = 0.02
+    std_share: Annotated[float, expert("σ of the previous image's share in sound images", 1e-6, 1)] = 0.02
     # On a road, 0.59 of the frames are so.
     steady: Annotated[float, expert("share of frames whose steady motion hides a ghost", 1e-3, 0.999)] = 0.6
 

@@ -1,9 +1,8 @@
 """Checks whether images are interlaced: its odd and even rows were exposed at different times.
 
-Whatever moves is then combed: adjacent rows differ by more than their distance explains. With S(k) the mean squared
-difference of pixels k rows apart, S(3) and S(5) are larger than their neighbours S(2) and S(4) suggest, and S(4) is
-smaller. In images of one moment S is smooth; noise adds the same amount to each S(k). If a sensor's even rows are
-brighter than its odd ones, the means of the rows show it, and the difference is removed.
+Whatever moves is then combed. With S(k) the mean squared difference of pixels k rows apart, S(3) and S(5) are larger
+than their neighbours suggest; in images of one moment S is smooth, and noise adds the same to each. If a sensor's even
+rows are brighter than its odd ones, the means of the rows show it, and the difference is removed.
 """
 
 from typing import ClassVar

@@ -30,25 +30,19 @@ class FlowRules(Section, frozen=True, kw_only=True):
     # Larger structures are light and shade.
     local_px: Annotated[float, expert("σ of the Gaussian subtracted from quarter-size images, px", 1, 1000)] = 10.0
     # A blotch of one grey value then becomes as strong as usual texture.
-    contrast: Annotated[float, expert("gain of quarter-size images after the local mean is removed", 0.1, 255)] = (
-        12.0
-    )
+    contrast: Annotated[float, expert("gain of quarter-size images without their local mean", 0.1, 255)] = 12.0
     # These are levels of the quarter image; at the top, 21 px are half an image.
     wide_levels: Annotated[int, expert("pyramid levels for wide templates", 0, 8)] = 2
     # Chosen by hand: steps of automatic exposure are larger.
     same_gain: Annotated[float, expert("change of contrast below which the exposure is unchanged", 0, 1e8)] = 0.05
-    same_level_grey: Annotated[
-        float, expert("change of mean grey below which the exposure is unchanged", 0, 1e8)
-    ] = 4.0
+    same_level_grey: Annotated[float, expert("change of mean grey of an unchanged exposure", 0, 1e8)] = 4.0
 
 
 class ImageRules(Section, frozen=True, kw_only=True):
     """Faults of images."""
 
     # Rectification and templates move a picture by less.
-    overlay_px: Annotated[float, expert("largest shift of a picture that is laid over both images, px", 0, 100)] = (
-        0.5
-    )
+    overlay_px: Annotated[float, expert("largest shift of a picture laid over both images, px", 0, 100)] = 0.5
     # Where only one in ten points is not on such a picture, these show nothing.
     overlay_share: Annotated[float, expert("share of the points on such a picture that is reported", 0, 1)] = 0.9
     # A recorder treats all images alike, so that the first ones tell.
@@ -68,6 +62,4 @@ class ImageRules(Section, frozen=True, kw_only=True):
     spacing_px: Annotated[int, expert("spacing of the rows that are compared, px", 1, 1000)] = 8
     same_grey: Annotated[int, expert("largest difference of one pixel in both images, grey values", 0, 255)] = 2
     same_share: Annotated[float, expert("share of slopes that are the same in one image", 0, 1)] = 0.95
-    fewest_slopes: Annotated[
-        int, expert("least number of slopes that tell whether both images are one", 1, 10**9)
-    ] = 100
+    fewest_slopes: Annotated[int, expert("least number of slopes that are compared", 1, 10**9)] = 100

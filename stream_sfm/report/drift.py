@@ -72,10 +72,10 @@ def drift_of(c: Comparison, against: Against | None) -> dict[str, Any]:
     table = drift.table(methods, reference, halves or None)
     if against is not None:
         _add_factors(table, c, against)
-    tells = against is not None and _truth_separates(table, reference)
-    decided_by = methods if tells or not halves else halves
+    separates = against is not None and _truth_separates(table, reference)
+    decided_by = methods if separates or not halves else halves
     return {
-        "truth_tells": tells,
+        "truth_separates": separates,
         "against": "truth" if against is not None else "halves" if halves else None,
         "reference": reference,
         "as_is": c.as_is,
@@ -132,7 +132,7 @@ def needs_halves(c: Comparison) -> bool:
     return any(of["position_from_halves"] for line in lines for of in line["methods"].values())
 
 
-def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth_tells: bool) -> dict[str, Any]:
+def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth_separates: bool) -> dict[str, Any]:
     """Return the factor by which σ of the pose would have to grow, and its source.
 
     The source is halves of the tracks if there is no truth, or if it shows only its own errors.
@@ -148,7 +148,7 @@ def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth
                 nees_pose(estimate.world_from_cam[rows], estimate.cov_pose[rows], poses, c.truth.std)
             )
     of_halves = c.halves[run.name].nees_mean if run.name in c.halves else None
-    by_truth = nees is not None and (truth_tells or of_halves is None)
+    by_truth = nees is not None and (truth_separates or of_halves is None)
     known_from, used = ("truth", nees) if by_truth else ("halves", of_halves)
     return {
         "nees_pose_mean_without_common": nees,

@@ -13,7 +13,7 @@ from ..evaluation.figures import (
     ACCURACY,
     CONSISTENCY,
     CONSISTENCY_COMPARED,
-    CONSISTENCY_UNTOLD,
+    CONSISTENCY_OF_HALVES,
     WITHOUT_TRUTH,
     Figure,
 )
@@ -46,7 +46,7 @@ def numbers(c: Comparison) -> dict[str, Any]:
         figures = _against_truth(run, c.truth, against) if run in whole else {}
         methods[run.key] = dict.fromkeys(_AGAINST_TRUTH) | figures | _of_run(run)
         methods[run.key] |= (
-            consistency_of(c, run, against, of_spans["truth_tells"]) if run in whole else _NO_CONSISTENCY
+            consistency_of(c, run, against, of_spans["truth_separates"]) if run in whole else _NO_CONSISTENCY
         )
         methods[run.key]["divergence_from_cross_frame_m"] = away.get(run.key)
     return {
@@ -58,14 +58,12 @@ def numbers(c: Comparison) -> dict[str, Any]:
         "conclusion": in_words(of_spans, methods),
         "frames": len(c.front),
         "frames_with_ground_truth": max(known),
-        "frames_in_doubt": [],  # no longer judged; kept for programs that read it
         "frames_ignored": [list(r) for r in c.truth.ignored],
         "gaps_before_frames": c.front.gaps,
         "methods": methods,
         "drift": of_spans,
         "ekf_over_cross_frame": ratios.get("ekf"),
         "error_over_cross_frame": ratios,
-        "there_and_back": None,  # no longer computed; kept for programs that read it
         "self_test": c.self_test,
         "rig": c.calibration,
         "divergence_from_cross_frame_m": away,
@@ -81,8 +79,8 @@ def figures_of(content: dict[str, Any]) -> tuple[Figure, ...]:
     """Return the main figures of a comparison, for its page and the terminal; `content` of report.json."""
     if not content["frames_with_ground_truth"]:
         return WITHOUT_TRUTH
-    if not content["drift"]["truth_tells"]:
-        return (*ACCURACY, *CONSISTENCY_UNTOLD)
+    if not content["drift"]["truth_separates"]:
+        return (*ACCURACY, *CONSISTENCY_OF_HALVES)
     return (*ACCURACY, *(CONSISTENCY_COMPARED if content["drift"]["common"] else CONSISTENCY))
 
 
@@ -96,7 +94,6 @@ def _of_run(run: RunRecord) -> dict[str, Any]:
         "statuses": dict(Counter(map(str, run.statuses))),
         "end_std_position_m": end.get("std_position_m"),
         "end_std_heading_deg": end.get("std_heading_deg"),
-        "there_and_back": None,
     }
 
 

@@ -1,11 +1,8 @@
-"""Whether parts of a run agree about the rig errors: evidence that does not depend on the σ of views.
+"""Whether parts of a run agree about the rig errors: evidence that does not depend on the σ of views, eq. (72k).
 
-Lasting errors of views, and errors outside the model, make σ of a rig error several times too small, above all for
-those that only show over time: a delay, a readout, a turn, a focus. A real error is the same in each third of a run. A
-spurious one, which explains slow drift, is not: thirds of a drive with a rigid, triggered rig gave 0.8, 1.0 and 0.3 ms,
-and the whole run gave 1.5 ± 0.1. The estimates of the thirds follow from the information in the prior at their
-ends. Frames whose motion may not be the camera's are in no part: rig errors would explain a body that is tracked, and
-all parts would agree about them.
+A real error is the same in each third of a run. A spurious one, which explains slow drift, is not: thirds of a drive
+with a rigid, triggered rig gave 0.8, 1.0 and 0.3 ms, and the whole run gave 1.5 ± 0.1. Frames whose motion may not be
+the camera's are in no part: rig errors would explain a body that is tracked, and all parts would agree about them.
 """
 
 from itertools import pairwise

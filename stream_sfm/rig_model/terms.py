@@ -1,12 +1,9 @@
-"""The physical terms of a rig's errors: their names, the assumed σ of each, and its effect on a view.
+"""The physical terms of a rig's errors: their names, the assumed σ of each, and its effect on a view, eq. (70).
 
-Relative rotation, principal points, focal lengths and distortion of the two cameras act together. Their effect on the
-disparity is a polynomial of the position in the image, plus the difference of two radial distortions. Errors that both
-lenses share shift both sides of a view. There are no terms for image rows: the difference of left and right row is
-measured directly (`frontend/learnt/rows.py`), including the effect of a delay of the right camera, and subtracted from
-the right row, which then has the error of the left one. An error δ of a principal point shifts the whole image: that is
-a rotation of the camera's axes by δ/f: no view shows that (`camera/unseen_errors.py`). The rest of its effect, −δ (x,
-y) x for a ray with slopes x and y, is a term here.
+There are no terms for image rows: the difference of left and right row is measured directly
+(`frontend/learnt/rows.py`), including the effect of a delay of the right camera, and subtracted from the right row,
+which then has the error of the left one. An error δ of a principal point turns the camera's axes by δ/f, which no view
+shows (`camera/unseen_errors.py`); the rest of its effect, −δ (x, y) x for a ray with slopes x and y, is a term here.
 """
 
 from functools import lru_cache

@@ -26,7 +26,7 @@ class Checked(NamedTuple):
     """The `parts` of a refinement that help held-back frames, and sentences about that; `why` none does."""
 
     parts: list[slice]
-    said: list[str]
+    notes: list[str]
     why: str = ""
 
 
@@ -44,15 +44,15 @@ def checked(looks: Sequence[Look], again: LookAgain, combine: Combine) -> Checke
             return Checked([], [], f"one {what} becomes worse with what the others show: {why}")
         errors.append((part.found_px(), with_it.found_px()))
     before_px, after_px = np.sqrt(np.mean(np.square(errors), axis=0))
-    kept, said = [], []
+    kept, notes = [], []
     for terms, name, before, after in zip(PARTS, _NAMES, before_px, after_px, strict=True):
         helps = bool(before > _LEAST_PX and after < _HELPS * before)
         kept += [terms] if helps else []
-        said.append(
+        notes.append(
             f"{name}: held-back frames find {before:.2f} px without a refinement and {after:.2f} px with it: "
             f"{'written' if helps else 'not written'}"
         )
-    return Checked(kept, said, "" if kept else "held-back frames find no smaller error with it")
+    return Checked(kept, notes, "" if kept else "held-back frames find no smaller error with it")
 
 
 def worse(plain: Look, refined: Look) -> str:

@@ -32,14 +32,14 @@ _TURNS = 2  # rounds of mending rows; the second one removes a per cent of the f
 class RefinedRig:
     """The `rig` with what was refined, and replays of each log `before` and `after`.
 
-    `said`: sentences about what is written, how it was checked, what is refused and why, and what no motion showed;
+    `notes`: sentences about what is written, how it was checked, what is refused and why, and what no motion showed;
     `of_unit`: sentences about the inertial unit, by log.
     """
 
     rig: StereoRig
     before: tuple[Look, ...]
     after: tuple[Look, ...]
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
     of_unit: tuple[tuple[str, ...], ...]
 
     def __repr__(self) -> str:
@@ -85,12 +85,12 @@ def refine(
 
 
 class _Refining:
-    """The calibration so far, `rig`, the replays of all logs with it, `looks`, and what has been `said`."""
+    """The calibration so far, `rig`, the replays of all logs with it, `looks`, and `notes` on it."""
 
     def __init__(self, rig: StereoRig, paths: Sequence[Path], config: Config, selection: Selection | None) -> None:
         self.rig, self._paths, self._config, self._selection = rig, paths, config, selection
         self.looks = self.before = self._look(rig)
-        self.said: list[str] = []
+        self.notes: list[str] = []
 
     @property
     def _estimates(self) -> list[RigEstimate]:
@@ -104,7 +104,7 @@ class _Refining:
         looks = self._look(rig)
         for plain, of in zip(self.looks, looks, strict=True):
             if why := worse(plain, of):
-                self.said.append(f"{name}: not written, as with it {of.path.name} becomes worse: {why}")
+                self.notes.append(f"{name}: not written, as with it {of.path.name} becomes worse: {why}")
                 return False
         self.rig, self.looks = rig, looks
         return True
@@ -118,7 +118,7 @@ class _Refining:
                 break
         if self.rig is not first:
             by = se3.log(self.rig.right_from_left @ se3.inverse(first.right_from_left))[3:]
-            self.said.append(
+            self.notes.append(
                 f"rows: the right camera is turned by {np.degrees(np.linalg.norm(by)):.3f}°; they differed by "
                 f"{_rms([of.rows.rms_px for of in self.before]):.2f} px, and now by "
                 f"{_rms([of.rows.rms_px for of in self.looks]):.2f} px"
@@ -129,13 +129,13 @@ class _Refining:
         share, std = focal_of(self._estimates)
         name = "focal length"
         if share and self._take(with_longer_focal(self.rig, share), name):
-            self.said.append(f"{name}: {100 * share:+.2f} ± {100 * std:.2f} %, written to K")
+            self.notes.append(f"{name}: {100 * share:+.2f} ± {100 * std:.2f} %, written to K")
 
     def refine_lenses(self) -> None:
         """Add a refinement of disparity and lenses, as far as held-back frames are better with it, and the timing."""
         known = [of for of in self.looks if of.rig is not None]
         if not known:
-            self.said.append("no frame was tracked, so nothing was learnt")
+            self.notes.append("no frame was tracked, so nothing was learnt")
             return
         timing = timing_of(self._estimates, self._config)
         rig = replace(self.rig, timing=timing)
@@ -151,16 +151,16 @@ class _Refining:
             return look(open_log(of.path, calibration=with_it), self._config, selection)
 
         found = checked(known, again, of_looks)
-        self.said += found.said
+        self.notes += found.notes
         parts = found.parts
         if LENSES in parts and not any(shows_focal(estimate) for estimate in self._estimates):
             parts = [part for part in parts if part != LENSES]
-            self.said.append(
+            self.notes.append(
                 "lenses of both cameras: not written, as a focal length that is not shown looks like them"
             )
         refinement = of_looks(known).only(parts, prior_px) if parts else None
         if found.why:
-            self.said.append(f"no refinement of disparity and lenses: {found.why}")
+            self.notes.append(f"no refinement of disparity and lenses: {found.why}")
         name = "refinement" if timing is None else "refinement and timing"
         taken = bool(refinement or timing) and self._take(replace(rig, refinement=refinement), name)
         if taken and refinement is not None:
@@ -169,15 +169,15 @@ class _Refining:
                 differ = (
                     f"what logs of one rig usually differ by ({usual_px:.2f} px in each term), as there is only one"
                 )
-            self.said.append(f"σ of the refinement contains {differ}")
+            self.notes.append(f"σ of the refinement contains {differ}")
 
     def result(self) -> RefinedRig:
-        """Return the rig with the findings about its inertial unit as well, and all that was said."""
+        """Return the rig with the findings about its inertial unit as well, and all that was notes."""
         units = [of.unit for of in self.looks]
         rig = with_unit(self.rig, [unit for unit in units if unit is not None])
         of_unit = tuple(() if unit is None else tuple(inertial_findings(unit)) for unit in units)
-        said = (*self.said, *not_shown(self._estimates, self._config))
-        return RefinedRig(rig, tuple(self.before), tuple(self.looks), said, of_unit)
+        notes = (*self.notes, *not_shown(self._estimates, self._config))
+        return RefinedRig(rig, tuple(self.before), tuple(self.looks), notes, of_unit)
 
 
 def _rms(values: Sequence[float]) -> float:

@@ -50,8 +50,7 @@ def summarise(
         figures = evaluate_unscaled(trajectory, truth.poses)
     else:
         figures = evaluate_run(trajectory, record.relative, truth.poses, truth.std, record.structure)
-    # frames_in_doubt: no longer judged; kept for programs that read it
-    summary["ground_truth"] = figures | {"frames_in_doubt": [], "frames_ignored": [list(r) for r in truth.ignored]}
+    summary["ground_truth"] = figures | {"frames_ignored": [list(r) for r in truth.ignored]}
     return summary
 
 
@@ -68,7 +67,6 @@ def _frame_counts(stats: ReadStats, selection: Selection, record: RunRecord) -> 
         "estimated": len(record),
         "degraded": record.count(Status.DEGRADED),
         "lost": record.count(Status.LOST),
-        "backwards": 0,  # kept for programs that read it
         "dropped": stats.dropped_backwards + stats.undecodable + record.refused,
     }
 

@@ -8,8 +8,7 @@ import pytest
 
 from stream_sfm.config import Config
 from stream_sfm.frontend.second_motions.ambiguity import AmbiguityMemory
-from stream_sfm.frontend.second_motions.depth_order import StartRules
-from stream_sfm.frontend.second_motions.motion_choice import choose, contradict_far
+from stream_sfm.frontend.second_motions.motion_choice import choose
 from stream_sfm.frontend.second_motions.start_check import StartCheck
 from stream_sfm.frontend.seen import Seen
 from stream_sfm.frontend.state import Setup
@@ -143,23 +142,6 @@ def test_after_the_start_history_decides() -> None:
     found, _ = seen(0, 0.08)
     motion = resect(found.point_views, TURNS, find_second=False)
     assert chosen(found, motion, StartCheck(gone=True)) is motion
-
-
-@pytest.mark.parametrize(("follows_body", "contradict"), [(False, True), (True, False)])
-def test_points_that_contradict_those_behind_them_are_not_the_scene(follows_body: bool, contradict: bool) -> None:
-    """Far points contradict a body if the scene is followed, but not the scene if a body is followed."""
-    rules = Config().rules.of(StartRules)
-    for seed in range(12):
-        found, of = seen(seed, 0.08)
-        followed = (of == 2) if follows_body else (of == 1)
-        some = found.point_views.select(followed | (of == 0))
-        own = resect(some, TURNS, find_second=False)
-        accepted = np.zeros(len(of), bool)
-        accepted[followed | (of == 0)] = own.accepted
-        others = (of == 1) if follows_body else (of == 2)
-        found_out = contradict_far(rules, found, changed(own, accepted=accepted), others)
-        assert not found_out[~others].any()
-        assert found_out[others].all() if contradict else not found_out[others].any()
 
 
 def two_sets(seed: int, moves_m: float) -> tuple[Seen, np.ndarray, Resection]:

@@ -100,7 +100,7 @@ def test_report(log, tmp_path):
     with_folder = set(content["methods"]) - {"cross_frame_replayed"}  # which the first pass finds
     assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == with_folder
     for figures in content["methods"].values():
-        assert set(figures) == of_method | accuracy - {"frames_in_doubt", "frames_ignored"}  # once per report
+        assert set(figures) == of_method | accuracy - {"frames_ignored"}  # once per report
 
 
 def test_batch(log, tmp_path):

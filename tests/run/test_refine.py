@@ -39,7 +39,7 @@ def test_an_exact_calibration_stays_as_it_is(log: Path) -> None:
     """Held-back frames have no error that another part of the log could take away."""
     refined = refine([log])
     assert refined.rig.refinement is None and refined.rig.timing is None
-    assert any("no refinement of disparity and lenses" in said for said in refined.said)
+    assert any("no refinement of disparity and lenses" in note for note in refined.notes)
     assert refined.after == refined.before
 
 
@@ -49,7 +49,7 @@ def test_several_logs_check_each_other_and_show_how_much_they_differ(log: Path) 
     refined = refine([log, log], selection=Selection(max_frames=30), calibration=rig)
     assert len(refined.before) == len(refined.after) == 2
     assert refined.rig.refinement is not None
-    assert "σ of the refinement contains how much the logs differ" in refined.said
+    assert "σ of the refinement contains how much the logs differ" in refined.notes
     for before, after in zip(refined.before, refined.after, strict=True):
         assert after.rows.rms_px < 0.3 * before.rows.rms_px  # the yaw moves rows as well, towards the corners
     # two logs that agree: the difference is smaller than the one that is assumed of a single log
@@ -59,7 +59,7 @@ def test_several_logs_check_each_other_and_show_how_much_they_differ(log: Path) 
 
 def test_too_few_frames_cannot_be_checked(log: Path) -> None:
     refined = refine([log], selection=Selection(max_frames=20))
-    assert refined.rig.refinement is None and any("too few frames" in said for said in refined.said)
+    assert refined.rig.refinement is None and any("too few frames" in note for note in refined.notes)
 
 
 @pytest.mark.slow
@@ -168,7 +168,7 @@ def test_the_command_writes_a_calibration_that_a_replay_takes(log: Path, tmp_pat
     out, wrong, exact = tmp_path / "refined.toml", tmp_path / "wrong.toml", open_log(log).stereo_rig
     wrong.write_text(turned(exact, 0, 0.2).to_toml())
     found = cli("refine", log, "--calibration", wrong, "--out", out, "--json").json
-    assert found["logs"][0]["log"] == str(log) and any("rows" in said for said in found["said"])
+    assert found["logs"][0]["log"] == str(log) and any("rows" in note for note in found["notes"])
     left = se3.log(StereoRig.from_calibration(out).right_from_left @ se3.inverse(exact.right_from_left))[3:]
     # rows are known to some hundredths of a pixel, of 320
     assert np.degrees(np.abs(left[[0, 2]])).max() < 0.02

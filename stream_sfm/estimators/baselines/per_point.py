@@ -1,16 +1,10 @@
 """Cross-frame windows with the paper's bookkeeping: one Gaussian per point for all that has left the window.
 
 The last b frames are solved jointly over all their motions and points. A frame that leaves becomes priors of its
-points; correlations between points are dropped, as in the paper. There are three choices of the frame of the priors:
-
-* WC, eq. (47): the world. Each leaving view is fused into its own point with the noise of its pose. The priors ignore
-  that all points share the drift, so the covariance of the pose is far too small.
-* CC, anchored, eq. (49): the last camera that left. With every frame that leaves, points are transformed into it with
-  the cross-covariance of points and motion; the pose in the world is the composition of the window's motions.
-* CC, literal, eq. (48): the paper's two-frame transform X' = R X + T, Σ' = R Σ Rᵀ + J Γ Jᵀ where the motion's
-  covariance Γ is assumed independent of the point; then the view of the leaving frame is added, and so used twice.
-
-b = 1 is the classical depth filter.
+points; correlations between points are dropped, as in the paper. The priors are in the world (WC, eq. (47)) or in the
+last camera that left, with the cross-covariance of points and motion (CC, anchored, eq. (49)) or with the paper's
+transform, which takes them as independent and uses the view twice (CC, literal, eq. (48)). b = 1 is the classical
+depth filter.
 """
 
 from typing import ClassVar

@@ -1,22 +1,15 @@
-"""The joint prior of the window: information about points and world from all frames that left it.
+"""The joint prior of the window: information about points and world from all frames that left it, section 6.
 
-Everything is expressed in the reference camera. Points seen from the same uncertain cameras have correlated errors,
-which the prior keeps in factored form, eq. (29),
+Everything is expressed in the reference camera, and factored, eq. (29),
 
     q_i = mean_i + F_i y + e_i,   ω = F_w y,   y ~ N(0, I_k),   e_i ~ N(0, D_i) independent,
 
 with common modes F and their amplitudes y. The last m modes are ∂q and ∂ω by the rig's errors, and their amplitudes are
-the deviations of these errors from their mean (`rig_state.py`). Given the few amplitudes, points are independent of
-each other: a window with any number of points is solved with one small dense system, the drift of a patch over its
-surface simply adds to D_i, and a point that is no longer seen is marginalised by dropping its row. Each absorbed frame
-adds the six modes of its unknown pose; modes that are negligible compared with the points' own noise are folded into D,
-so that every point keeps its marginal covariance. (A dense information matrix over 200 points contains the same and
-costs fifty times as much.)
-
-Camera-centred: the world's origin is one more pose among the variables, so nothing that touches the prior is ever
-relinearised in world coordinates, and unobservable directions stay unobservable (otherwise a bias grows with the number
-of frames; docs/mathematics.md, section 6). ω is the right perturbation of world_from_ref. With inertia, the inertial
-state (`interval.py`) is expressed in the same modes as the world.
+the deviations of these errors from their mean (`rig_state.py`). A window with any number of points is so solved with
+one small dense system; a dense information matrix over 200 points contains the same and costs fifty times as much. Each
+absorbed frame adds the six modes of its unknown pose; modes that are negligible compared with the points' own noise are
+folded into D, so that every point keeps its marginal covariance. ω is the right perturbation of world_from_ref. With
+inertia, the inertial state (`interval.py`) is expressed in the same modes as the world.
 """
 
 from dataclasses import field

@@ -1,10 +1,8 @@
 """The window's knowledge of the rig's errors c, as part of the joint prior, eqs. (70) to (72e).
 
-A view of the camera pair is z = h(P) + B c + noise, with a known B (`rig_model/`). c is permanently part of the joint
-prior. It is estimated by a mixture in which groups of errors may be exactly zero: c is held at the mean of the mixture,
-and every covariance contains that of the mixture. So the attempt to improve an exact calibration does no harm. As c
-stays in the joint state, its prior can be replaced by one of another size at any time without loss. The knowledge is
-kept as information, so other knowledge about c, or a prior of another size, is simply added.
+c is estimated by a mixture in which groups of errors may be exactly zero: it is held at the mean of the mixture, and
+every covariance contains that of the mixture, so that the attempt to improve an exact calibration does no harm. The
+knowledge is kept as information, so other knowledge about c, or a prior of another size, is simply added.
 """
 
 from dataclasses import field

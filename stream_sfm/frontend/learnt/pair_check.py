@@ -1,12 +1,9 @@
-"""Checks whether left image, right image and calibration are consistent; while they are not, no motion is trusted.
+"""Checks whether left image, right image and calibration are consistent; section 8, "A pair that does not fit".
 
 A camera may be frozen or knocked, or the cameras exchanged or not triggered together. Most of the left image may then
-still move rigidly, but that motion need not be the camera's. The right image shows the problem. Nearly all points whose
-left side agrees with the motion should be found in the right image, where their depth predicts them. If half of them
-are not, the motion is ambiguous until earlier points are found in both images again. If instead new points show, frame
-by frame, that the images fit, all tracks are dropped and a new map begins. Points also vanish from the right image one
-by one when a near object hides what the left camera still sees. So points that were already missing in the last frame
-without a problem are no evidence.
+still move rigidly, but that motion need not be the camera's. Nearly all points whose left side agrees with it should be
+found in the right image, where their depth predicts them. Points also vanish from the right image one by one when a
+near object hides them. So points that were already missing in the last frame without a problem are no evidence.
 """
 
 from dataclasses import field

@@ -1,13 +1,10 @@
-"""Detects a right camera that is knocked out of alignment during a run, and corrects a turn that persists.
+"""Detects a right camera that is knocked out of alignment during a run, and corrects a turn that persists, eq. (72d).
 
-Depths and motion predict where points are seen on the right, and the calibration predicts their rows. A small turn of
-the right camera shifts all of them, eq. (72d), by a field with three unknowns that is the same for near and far points.
-It is estimated in every frame together with the motion. A few hundredths of a milliradian are usual. Real rigs that
-vibrate or are not quite synchronous have more, so a turn is compared with the usual turns of the same run.
-
-The motion of a frame with an unusual turn is estimated from the left image, with the depths that are known from before.
-Once three such frames in a row have shown the same turn, all further measurements on the right are corrected for it. If
-they end without that, they were usual turns of this rig.
+A small turn shifts all right views by a field with three unknowns that is the same for near and far points. It is
+estimated in every frame together with the motion, and compared with the usual turns of the same run: real rigs vibrate
+or are not quite synchronous. The motion of a frame with an unusual turn is estimated from the left image. Once three
+such frames in a row have shown the same turn, all further measurements on the right are corrected for it; otherwise
+they were usual turns of this rig.
 """
 
 import math

@@ -1,10 +1,8 @@
 """Row differences: how v_left − v_right of correct matches varies over the image, learnt from the matches, eq. (19).
 
-After rectification a point lies on the same row in both images. Real calibrations miss this by tenths of a pixel. The
-model is a polynomial of second order for the relative rotation of the cameras and for their lenses, a smooth field for
-the rest, and the motion of the row during the delay of the right camera. Row differences depend on neither depth nor
-motion, so one linear Gaussian filter estimates all of this, and the size of the field follows from its marginal
-likelihood. Only new matches count, because later views of a point repeat its first error.
+After rectification a point lies on the same row in both images. Real calibrations miss this by tenths of a pixel. Row
+differences depend on neither depth nor motion, so one linear Gaussian filter estimates a polynomial, a smooth field and
+the delay of the right camera. Only new matches count, because later views of a point repeat its first error.
 """
 
 import math

@@ -1,16 +1,9 @@
 """The correlated errors of a point's views: a lasting part in each side, and a shared part that no view averages out.
 
-A template has the same error against its image for many frames, because of the other camera's sharpness, a surface that
-is not a plane, or the grid of a compressed image. An estimator that treats the errors of views as independent becomes
-overconfident. The size and duration of the lasting part can be measured without ground truth, from the rows:
-v_left − v_right of a match depends on neither motion nor depth, so its autocorrelation along the tracks is that of the
-errors themselves. They are white noise plus a Gauss-Markov part; the variances of both and the decay are learnt. From
-these follows how much the n-th view of a track adds to the information of the earlier ones, eqs. (68), (69).
-
-An error that the left and right patch share with all other views of a point moves it along its ray, and no number of
-views averages it out. Its causes are perspective beyond the affine warp, the lens model, and most of all a depth edge
-within the patch. The distance between the matches of the whole patch and its inner half shows how large it may be,
-eq. (18).
+The lasting part is learnt without ground truth, from the rows: v_left − v_right of a match depends on neither motion
+nor depth, so its autocorrelation along the tracks is that of the errors themselves. From it follows how much the n-th
+view of a track adds to the information of the earlier ones, eqs. (68), (69). How large the shared part may be is shown
+by the distance between the matches of the whole patch and its inner half, eq. (18).
 """
 
 from dataclasses import field

@@ -20,16 +20,12 @@ class TurnRules(Section, frozen=True, kw_only=True):
     # About one knock per hour at 30 Hz.
     knocks: Annotated[float, expert("prior probability of a knock, per frame", 1e-300, 0.5)] = 1e-5
     # It is 0.01 to 0.05 mrad on rendered logs, and 0.05 to 0.2 mrad on real ones.
-    first_guess_rad: Annotated[
-        float, expert("first guess of the usual rotation between frames, rad", 1e-7, 0.1)
-    ] = 1e-4
+    first_guess_rad: Annotated[float, expert("first guess of the usual rotation per frame, rad", 1e-7, 0.1)] = 1e-4
     guess_frames: Annotated[int, expert("weight of the first guess of the usual rotation, frames", 1, 10_000)] = 5
     # This is 3 σ on each axis.
     limit: Annotated[float, expert("cap on χ² of a frame in the usual rotation", 1, 1e6)] = 27.0
     # Three frames fit in one window and keep depths valid.
-    lasting_frames: Annotated[
-        int, expert("frames with one rotation of the right camera before it is accepted", 1, 1000)
-    ] = 3
+    lasting_frames: Annotated[int, expert("frames with one rotation before it is accepted", 1, 1000)] = 3
     same: Annotated[float, expert("tolerance of consecutive rotations, relative to their mean", 0, 10)] = 0.5
     # After that, an ever-changing rotation counts as usual.
     patience_frames: Annotated[int, expert("largest number of frames with unusual rotations", 1, 1000)] = 8
@@ -39,9 +35,7 @@ class TurnRules(Section, frozen=True, kw_only=True):
     min_views: Annotated[int, expert("least number of right views that show a rotation", 9, 2000)] = 30
     # If a body covers them, it explains fewer.
     agree: Annotated[float, expert("share of the right views that a rotation must explain", 0, 1)] = 0.6
-    gate: Annotated[
-        float, expert("share of good right views that the gate of a rotation keeps", 0.5, 0.999999999999)
-    ] = 0.999
+    gate: Annotated[float, expert("share of good right views that the gate keeps", 0.5, 0.999999999999)] = 0.999
     # After a knock, views are wrong by ten standard deviations or more.
     steps: Annotated[int, expert("largest number of reweighting steps for a rotation", 1, 1000)] = 12
     # The estimator only starts from the measured rotation, so that it is not counted twice.

@@ -21,9 +21,7 @@ class StartRules(Section, frozen=True, kw_only=True):
     """At the start of a map: which of two motions has its points behind the points of the other."""
 
     # The share is smaller along the ground, which lies behind and in front of its neighbours.
-    behind: Annotated[float, expert("share of neighbours that must be in front of points behind them", 0.5, 1)] = (
-        0.95
-    )
+    behind: Annotated[float, expert("share of neighbours that points behind have in front", 0.5, 1)] = 0.95
     # One start in a thousand follows a body, and 5 σ are 14 more.
     body: Annotated[float, expert("log-odds from which points that agree are on a body in front", 0, 1e6)] = 21.0
     # Depths of neighbours on one surface differ by less.

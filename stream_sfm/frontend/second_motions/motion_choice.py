@@ -8,7 +8,6 @@ is one motion, two, or none if a body hides the scene.
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import core
 from ...config.rules import Rules
 from ...geometry import Array, se3
 from ...geometry.medians import median
@@ -17,8 +16,7 @@ from ...geometry.resection import (
     MIN_VIEWS,
     Resection,
     SecondMotion,
-    expected,
-    judged,
+    combined,
     refine,
     resect,
     residuals_of,
@@ -34,7 +32,7 @@ from .depth_order import StartRules, depth_order, is_behind, is_deeper
 
 def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Resection:
     """Return the motion that is probably the scene's, with the other one as its second motion."""
-    motion = _sampled(step, seen, _steady(step, state, seen, _as_one(step, seen, found)))
+    motion = _sampled(step, seen, _as_one(step, seen, found))
     if not state.start.is_over and motion.ok:
         at_rest = residuals_of(seen.point_views, np.eye(4)) < seen.point_views.gate
         if np.count_nonzero(motion.accepted & at_rest) < np.count_nonzero(motion.accepted & ~at_rest):
@@ -61,7 +59,7 @@ def _as_one(step: Step, seen: Seen, motion: Resection) -> Resection:
     apart = se3.log(motion.cam_from_ref @ se3.inverse(second.cam_from_ref))
     if apart @ np.linalg.solve(motion.cov_pose + second.cov_pose, apart) < views.settings.halves_apart:
         return changed(motion, second=None)  # the camera has moved alike by both
-    start = expected(motion, second.cam_from_ref, second.cov_pose).cam_from_ref
+    start = combined(motion, second.cam_from_ref, second.cov_pose).cam_from_ref
     one = refine(views, seen.weights, start, motion.amplitudes)
     alone = refine(views, seen.weights, second.cam_from_ref, motion.amplitudes)
     both = motion.accepted | second.views
@@ -154,41 +152,6 @@ def _sampled(step: Step, seen: Seen, motion: Resection) -> Resection:
     return changed(near, second=None) if near.ok and step.is_sampled(near) else motion
 
 
-def _steady(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
-    """Return the motion near the predicted one in place of one that jumps, if about as many old tracks agree.
-
-    A body that comes into view has its own motion, and far points agree with it within their noise. If it were the
-    camera's, the camera would have jumped. The motion that jumps then becomes the second motion.
-    """
-    usual = step.usual_change(state.unsteadiness)
-    if not motion.ok or not step.jumps(motion.cam_from_ref, usual):
-        return motion
-    views, old = seen.point_views, seen.before.agreed > 0
-    fewest, near = views.settings.second_views, _of_old(step, seen, old, usual)
-    agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
-    if not near.ok or agree < max(fewest, step.setup.rules.of(MotionRules).as_many * agreed):
-        return motion
-    only_other = motion.accepted & (near.squared_residuals > views.clear_gate)
-    if np.count_nonzero(only_other) < fewest:  # few views distinguish the two
-        return changed(near, second=motion.second) if near.share >= motion.share else motion
-    return changed(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
-
-
-def _of_old(step: Step, seen: Seen, old: NDArray[np.bool_], std_change: Array) -> Resection:
-    """Return the motion near the predicted one, from `old` tracks (n,), or from those with a full history if many.
-
-    `std_change` (6,): σ of a change from the prediction. If these tracks do not determine it, all views are used.
-    """
-    views, settled = seen.point_views, seen.before.agreed >= step.setup.rules.of(MotionRules).full_history
-    if np.count_nonzero(settled) >= MANY_VIEWS:
-        old = settled
-    alone = resect(views.select(old), step.predicted, seen.weights[old], find_second=False)
-    # far tracks alone determine a motion poorly
-    if alone.ok and not step.jumps(alone.cam_from_ref, np.sqrt(std_change**2 + np.diagonal(alone.cov_pose))):
-        return judged(expected(alone, step.predicted, np.diag(std_change**2)), views, seen.weights)
-    return refine(views, seen.weights, step.predicted, np.zeros(views.shared.shape[2]))
-
-
 def _without(step: Step, seen: Seen, motion: Resection, apart: NDArray[np.bool_]) -> Resection:
     """Return the motion without points `apart` (n,), if it explains all others clearly better and they are in front.
 
@@ -259,31 +222,3 @@ def may_be_scene(rules: Rules, tracks: Tracks, accepted: NDArray[np.bool_], fill
         if np.count_nonzero(as_far) >= rules.of(MotionRules).calm_start * len(followed):
             return np.zeros(len(tracks), bool)
     return rest & (depth_order(tracks, followed, rules.of(StartRules)) >= 0)
-
-
-def contradict_far(
-    rules: StartRules, seen: Seen, motion: Resection, others: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """Return which of `others` (n,), which may belong to the scene, contradict the agreeing points behind them.
-
-    If the motion were that of a body in front of the scene, agreeing points farther away than these others would belong
-    to the scene. So the others are tested against the motion of these far points, with its covariance.
-    """
-    views, rho, none = seen.point_views, seen.before.points[:, 3], np.zeros(len(others), bool)
-    if not others.any():
-        return none
-    far = motion.accepted & (rules.deeper * rho < median(rho[others]))
-    if np.count_nonzero(far) < MANY_VIEWS:
-        return none
-    by_far = refine(views.select(far), seen.weights[far], motion.cam_from_ref, motion.amplitudes)
-    if not by_far.ok:
-        return none
-    rows = views.select(others)
-    root, jacobian = rows.linearise(by_far.cam_from_ref)
-    residuals = core.view_residuals(rows, root, by_far.amplitudes, by_far.cam_from_ref[None])[0][0]
-    cov = np.zeros((jacobian.shape[2],) * 2)
-    cov[:6, :6], cov[6:, 6:] = by_far.cov_pose, by_far.cov_amplitudes
-    cov_residuals = np.eye(4) + jacobian @ cov @ np.swapaxes(jacobian, 1, 2)
-    squared = np.einsum("ni,ni->n", residuals, np.linalg.solve(cov_residuals, residuals[:, :, None])[:, :, 0])
-    none[others] = squared > rows.clear_gate
-    return none

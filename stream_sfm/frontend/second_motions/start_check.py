@@ -1,11 +1,10 @@
-"""Checks whether the motion that a map has started with is the camera's, by points that begin later.
+"""Checks whether the motion that a map has started with is the camera's, by points that begin later; section 8.
 
 At a start no track has a history, so bodies that cover most of the view outvote the background. Points that begin later
-reveal this (`confirmation.py`). While they contradict it, the motion may be that of a body. Points that cannot belong
-to the scene (`may_be_scene`) do not count: a body that comes into view later is found again and again at the same
-places, and would look like much evidence. Disagreeing points do not count either in a frame whose second motion is that
-of points in front of the others. Once new points have confirmed the motion, or no track of the start is left, it relies
-on points that began later and is no longer contradicted. The poses before that remain unconfirmed. The map continues.
+reveal this (`confirmation.py`). Those that cannot belong to the scene (`may_be_scene`) do not count: a body that comes
+into view later is found again and again at the same places, and would look like much evidence. Once new points have
+confirmed the motion, or no track of the start is left, it is no longer contradicted. The poses before that remain
+unconfirmed. The map continues.
 """
 
 from dataclasses import field

@@ -27,30 +27,20 @@ class InertiaRules(Section, frozen=True, kw_only=True):
     usual_frames: Annotated[float, expert("frames that show the usual accelerations", 1, 10_000)] = 20.0
     # Images of a camera that is shaken so are of no use, and a wrong prediction costs the tracks of a frame.
     most_change: Annotated[float, expert("largest predicted change of velocity, usual changes", 1, 1e6)] = 10.0
-    lasting_s: Annotated[
-        float, expert("time after which agreement, contradictions and gaps count as lasting, s", 0, 1000)
-    ] = 1.0
+    lasting_s: Annotated[float, expert("time from which agreement and gaps count as lasting, s", 0, 1000)] = 1.0
     # A step of the bias by 0.2 m/s² on a walk is at 22, a mounting off by 0.1 m at 36 to 48. Without an error the
     # largest values are 3, 4, 6, and 11 in 300 frames of a real drone.
     moved: Annotated[float, expert("squared distance that gravity does not move within that time", 3, 1e8)] = 16.0
-    unexplained: Annotated[float, expert("share of gravity's variance by which it moves at least", 1e-3, 1e3)] = (
-        0.25
-    )
+    unexplained: Annotated[float, expert("share of gravity's variance by which it may move", 1e-3, 1e3)] = 0.25
     # An axis or a sign that is wrong from the start shows once the motion has changed. Until then nothing is known: the
     # error may be π.
-    std_any_tilt_rad: Annotated[
-        float, expert("σ of the reported tilt while the samples are not proven, rad", 0, 10)
-    ] = 1.0
+    std_any_tilt_rad: Annotated[float, expert("σ of the tilt while samples are not proven, rad", 0, 10)] = 1.0
     # It is at most 4.6 in sound units, simulated and real; accelerometers with a wrong axis reach 20 to 90.
-    most_unexplained: Annotated[
-        float, expert("factor on the accelerometer's noise that no longer proves the tilt", 1, 1e6)
-    ] = 10.0
+    most_unexplained: Annotated[float, expert("factor on the noise that leaves the tilt open", 1, 1e6)] = 10.0
     # 3 is expected for the biases, 1 for gravity.
     far_bias: Annotated[float, expert("squared distance of impossible accelerometer biases", 3, 1e8)] = 25.0
     far_gravity: Annotated[float, expert("squared distance of an impossible size of gravity", 1, 1e8)] = 25.0
-    std_gravity_m_s2: Annotated[
-        float, expert("σ of the size of gravity where an impossible one is sought, m/s²", 1e-4, 10)
-    ] = 0.1
+    std_gravity_m_s2: Annotated[float, expert("σ of gravity's size beside impossible ones, m/s²", 1e-4, 10)] = 0.1
     # This covers all places on Earth, and the scale error of an accelerometer.
     std_known_gravity_m_s2: Annotated[float, expert("σ of gravity's size as an observation, m/s²", 1e-4, 10)] = 0.03
     known_gravity_m2_s4: Annotated[float, expert("gravity variance at which its size counts, m²/s⁴", 0, 1e4)] = 1.0
@@ -59,9 +49,7 @@ class InertiaRules(Section, frozen=True, kw_only=True):
     jitter_frames: Annotated[float, expert("frames from which stamp errors are learnt", 1, 1e6)] = 100.0
     data_sheet: Annotated[float, expert("weight of the densities of the data sheet, intervals", 1e-3, 1e4)] = 3.0
     # Little evidence is needed that the noise is larger.
-    little: Annotated[
-        float, expert("weight of the data sheet once residuals are impossibly large, intervals", 1e-3, 1e4)
-    ] = 0.1
+    little: Annotated[float, expert("weight of the data sheet beside huge residuals, intervals", 1e-3, 1e4)] = 0.1
     remembered: Annotated[float, expert("intervals from which densities are learnt", 1, 1e6)] = 400.0
     least_factor: Annotated[float, expert("least factor on a density", 1e-4, 1)] = 0.05
     most_factor: Annotated[float, expert("largest factor on a density", 1, 1e6)] = 100.0

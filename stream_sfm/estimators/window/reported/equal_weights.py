@@ -1,10 +1,8 @@
-"""The reported estimate: the window's minimum with equally weighted views, beside that of the filter.
+"""The reported estimate: the window's minimum with equally weighted views, beside that of the filter, eq. (69a).
 
-Neighbouring views of a track share temporally correlated errors, which cancel between two frames if these views have
-equal weights. With the weights of eq. (69), which an unknown rig needs, they do not cancel: the motion over one frame
-then has an error larger by a quarter to a half. So for the report the views of the window have their own covariances,
-times one factor, eq. (69a), and one factor per track, eq. (69c). That minimum is one Newton step away, with prior and
-rig unchanged. Nothing of it is fed back into them.
+Temporally correlated errors cancel between two frames if the views of a track have equal weights. With the weights of
+eq. (69), which an unknown rig needs, the motion over one frame has an error larger by a quarter to a half. This minimum
+is one Newton step away, with prior and rig unchanged. Nothing of it is fed back into them.
 """
 
 import numpy as np

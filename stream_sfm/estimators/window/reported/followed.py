@@ -1,11 +1,8 @@
-"""The reported pose in the world: it continues by the newest motion, and is pulled towards the filter's pose.
+"""The reported pose in the world: it continues by the newest motion, and is pulled to the filter's pose, eq. (41a).
 
 With every frame the filter also moves the earlier frames. The difference of two poses, each as reported in its own
-frame, therefore contains the error of the newest motion and that change. So the reported pose leaves the change out at
-first, eq. (41a): it continues from the previously reported pose by the newest motion. The estimates of two windows that
-share no frame differ, so the difference from the filter's pose is reduced by 1/b in each frame, where b is the length
-of the window, and by more if it exceeds half of the filter's σ. The remaining difference is known and is added to the
-covariance. Nothing is fed back.
+frame, would contain that change as well as the error of the newest motion. What the reported pose lags behind the
+filter's is known, and is added to the covariance. Nothing is fed back.
 """
 
 import numpy as np

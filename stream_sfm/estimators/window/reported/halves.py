@@ -1,14 +1,10 @@
 """The factor on σ for temporally correlated view errors, measured from halves of the tracks, eq. (69b).
 
-Given the modes of the prior, points are independent of each other. So are the poses estimated from two halves of the
-tracks, each of which is one Newton step away from the common minimum. Their difference in units of its σ needs neither
-ground truth nor a model of the correlation. There are two kinds of halves: even and odd tracks, and tracks first seen
-left and right of the image centre, which show errors that neighbours share.
-
-What the halves share hides how far they are apart. The views that a joint minimum has gated, and the weights of tracks
-by their residuals there, were chosen so that all views agree with that minimum; and what is known of a point from
-earlier frames draws both halves to the same poses. So halves have all views of the window's tracks, equally weighted,
-and points that are known from these views alone.
+The poses estimated from two halves of the tracks are independent given the modes of the prior. Their difference in
+units of its σ needs neither ground truth nor a model of the correlation. Halves are even and odd tracks, and tracks
+first seen left and right of the image centre, which show errors that neighbours share. They have all views of the
+window's tracks, gated or not, equally weighted, and points that are known from these views alone: whatever was chosen
+at the joint minimum, or is known from earlier frames, would draw both halves to the same poses.
 """
 
 from contextlib import suppress

@@ -1,11 +1,8 @@
-"""Exposure times of the frames of a window, and the uncertainty of the newest pose from that of its velocity.
+"""Exposure times of the frames of a window, and the uncertainty of the newest pose by that of its velocity, (70b).
 
-Cameras tick evenly, but a host may stamp frames when it processes them. If views depend on velocities, an error of a
-stamp by a hundredth of a period becomes a velocity error of one hundredth. So two models are compared: frames were
-exposed at their stamps, or at the ticks of an even clock.
-
-The velocity at the newest frame is an extrapolation. The change of twists once later frames are known is learnt during
-the run; with the current delay and readout it shifts the views, eq. (70b).
+Hosts may stamp frames when they process them. Where views depend on velocities, two models are compared: frames were
+exposed at their stamps, or at the ticks of an even clock. The velocity at the newest frame is an extrapolation; the
+change of twists once later frames are known is learnt during the run.
 """
 
 from collections.abc import Mapping

@@ -1,13 +1,10 @@
-"""Detection of a changing focal length in its first frame, and its estimate per frame until it rests.
+"""Detection of a changing focal length in its first frame, and its estimate per frame until it rests, eq. (72l).
 
 A zoom scales the whole image about its centre, and the disparities with it. If points lie at various depths, no motion
-does that. So each frame shows how much its focal length differs from that of the points, to a hundredth of a percent on
-good images. Once frames together show a change, the focal length of each frame is an unknown of its own. It may then
-change in any way: the pose becomes as uncertain as that makes it, and frames do not affect each other. Once it has been
-constant for some frames, or frames show that there is no change, it is one of the rig's errors again.
-
-An image that is not scaled exactly about its principal point is shifted as well. That looks like a rotation of the
-camera, and no view can tell them apart; so the uncertainty of the pose grows with the change of the focal length.
+does that. Once frames together show a change, the focal length of each frame is an unknown of its own.
+Once it has been constant for some frames, or frames show that there is no change, it is one of the rig's errors again.
+An image that is not scaled about its principal point is shifted as well, as by a rotation of the camera; so the
+uncertainty of the pose grows with the change of the focal length.
 """
 
 import math
