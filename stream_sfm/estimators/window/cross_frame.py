@@ -241,8 +241,6 @@ class CrossFrame(TakesSamples):
         z_px, cov_px = CorrectedViews(corrected_px[rows]), observations.cov_px[rows]
         seen = PointViews(self.projection, points, cov, z_px, cov_px, robust, unknown_px)
         found = initial_motion(seen, observations, start, weights)
-        if found is None and self.inertia.now is not None:  # samples show whether the motion found is the camera's
-            found = initial_motion(seen, observations, start, weights, searches=True)
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
         if unknown_px is not None:
