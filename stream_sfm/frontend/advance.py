@@ -72,8 +72,7 @@ def advance(
         ambiguity=ambiguity,
         start=_start(step, state, seen, motion, ambiguous),
     )
-    has_samples = step.by_inertia is not None and step.by_inertia.agreed
-    found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, has_samples)
+    found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, step.has_samples)
     blurred_px = _blurred_px(step, seen, motion)[rows]
     return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, second, settled, blurred_px)
 
@@ -106,7 +105,7 @@ def _blurred_px(step: Step, seen: Seen, motion: Resection) -> Array:
 
 def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, ambiguous: bool) -> StartCheck:
     """Return the check of the start after a frame; an `ambiguous` motion is reported already."""
-    start = state.start.settled() if step.is_carried(motion) else state.start
+    start = state.start
     if ambiguous or start.is_over:
         return start
     start = start.begun_with(float(motion.accepted.mean()))

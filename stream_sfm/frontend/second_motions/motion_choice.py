@@ -1,8 +1,8 @@
 """Decides whose motion it is: that of the scene, or that of a body or a picture in front of it.
 
-Sets of tracks may move differently. `choose` seeks the motions that may be the scene's, and weighs the first against
-the second by log-odds: votes with history, the order of depths, which of them is new, and inertial samples. The result
-is one motion, two, or none if a body hides the scene.
+Sets of tracks may move differently. `choose` seeks the motions that may be the scene's, of which inertial samples may
+exclude some, and weighs the first against the second by log-odds: votes with history, the order of depths, and which of
+them is new. The result is one motion, two, or none if a body hides the scene.
 """
 
 import numpy as np
@@ -87,8 +87,6 @@ def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, se
         odds += 2 * clear * _is_newcomer(step, state, seen, motion, second)
         second = _uncovered(step, seen, motion, second)
         odds = 0.0 if second.lasted else odds
-    if not second.lasted and other.ok:
-        odds += _by_samples(step, motion, other)
     if odds < -clear and other.ok:
         of_first = motion.cam_from_ref, motion.cov_pose, only_first, float(np.exp(odds))
         return changed(other, second=SecondMotion(*of_first, in_front=order < 0))
@@ -132,21 +130,9 @@ def _history(tracks: Tracks) -> int:
     return int(np.sort(tracks.agreed)[-MIN_VIEWS]) if len(tracks) >= MIN_VIEWS else 0
 
 
-def _by_samples(step: Step, motion: Resection, other: Resection) -> float:
-    """Return the log-odds of a motion over another one by inertial samples, eq. (85), if they allow only one of them.
-
-    An accelerometer cannot distinguish a body in uniform motion from one at rest until it or the camera turns, or the
-    velocity is known. The velocity is not known if a body may have been followed until now.
-    """
-    if step.by_inertia is None:
-        return 0.0
-    apart = step.distance2(other) - step.distance2(motion)
-    return 0.5 * apart if abs(apart) > step.setup.rules.of(MotionRules).inertial_apart else 0.0
-
-
 def _sampled(step: Step, seen: Seen, motion: Resection) -> Resection:
-    """Return the motion that samples predict in place of one that they do not allow, if enough views agree with it."""
-    if not motion.ok or step.may_be(motion):
+    """Return the motion that samples predict in place of one that they exclude, if enough views agree with it."""
+    if not motion.ok or not step.has_samples or step.is_sampled(motion):
         return motion
     near = refine(seen.point_views, seen.weights, step.predicted, motion.amplitudes)
     return changed(near, second=None) if near.ok and step.is_sampled(near) else motion
