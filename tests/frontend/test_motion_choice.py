@@ -15,9 +15,10 @@ from stream_sfm.frontend.state import Setup
 from stream_sfm.frontend.step import Step
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.point_views import PointViews
-from stream_sfm.geometry.resection import Resection, SecondMotion, resect, residuals_of
+from stream_sfm.geometry.resection import Resection, SecondMotion, refine, resect, residuals_of
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.record import changed
+from stream_sfm.types import ExpectedMotion
 from tests.helpers.tracks import tracks_at
 
 P = StereoProjection(f_px=400, cx_left_px=240, cx_right_px=240, cy_px=180, baseline_m=0.25, width=480, height=360)
@@ -83,9 +84,11 @@ def with_views(
     return Seen(tracks, nothing, views, np.ones(n), float(n))
 
 
-def chosen(found: Seen, motion: Resection, start: StartCheck) -> Resection:
+def chosen(
+    found: Seen, motion: Resection, start: StartCheck, by_inertia: ExpectedMotion | None = None
+) -> Resection:
     nothing = cast(Any, None)
-    step = Step(Setup(P, Config()), nothing, nothing, 0.05, TURNS, True, None)
+    step = Step(Setup(P, Config()), nothing, nothing, 0.05, TURNS, True, by_inertia)
     state: Any = SimpleNamespace(start=start, unsteadiness=None, ambiguity=AmbiguityMemory())
     return choose(step, state, found, motion)
 
@@ -142,6 +145,18 @@ def test_after_the_start_history_decides() -> None:
     found, _ = seen(0, 0.08)
     motion = resect(found.point_views, TURNS, find_second=False)
     assert chosen(found, motion, StartCheck(gone=True)) is motion
+
+
+@pytest.mark.parametrize("agreed", [True, False])
+def test_samples_that_have_agreed_with_the_images_exclude_the_motion_of_a_body(agreed: bool) -> None:
+    """Three quarters of the views have it: the others are enough if samples predict their motion."""
+    found, of = seen(0, 0.3, (0, 20, 60))
+    body = resect(found.point_views.select(of == 2), TURNS, find_second=False)
+    motion = refine(found.point_views, found.weights, body.cam_from_ref, np.zeros(0))
+    assert motion.accepted[of == 2].all() and not motion.accepted[of == 1].any()
+    expected = ExpectedMotion(0, se3.inverse(TURNS), 1e-6 * np.eye(6), np.zeros(6), agreed)
+    after = chosen(found, motion, StartCheck(gone=True), expected)
+    assert after.accepted[of == 1].all() == agreed and after.accepted[of == 2].all() != agreed
 
 
 def two_sets(seed: int, moves_m: float) -> tuple[Seen, np.ndarray, Resection]:
