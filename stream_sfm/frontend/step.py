@@ -82,14 +82,23 @@ class Step:
         return 2 * se3.log(cam_from_previous) / self.dt_s - twist
 
     @property
-    def has_samples(self) -> bool:
-        """Whether there are inertial samples that have agreed with the images for a while."""
+    def samples_agree(self) -> bool:
+        """Whether the motion is predicted by samples that have agreed with the images for a while."""
         return self.by_inertia is not None and self.by_inertia.agreed
 
+    def cov_predicted(self, unsteadiness: Unsteadiness | None) -> Array:
+        """Return the covariance (6, 6) of the predicted motion by such samples, or by the usual changes of motion."""
+        if self.by_inertia is not None and self.by_inertia.agreed:
+            return self.by_inertia.cov
+        return np.diag(self.usual_change(unsteadiness) ** 2)
+
+    def distance2(self, motion: Resection, cov_predicted: Array) -> float:
+        """Return the squared distance of a motion from the predicted one, by both covariances, eq. (85)."""
+        apart = se3.log(self.predicted @ se3.inverse(motion.cam_from_ref))
+        return float(apart @ np.linalg.solve(cov_predicted + motion.spread * motion.cov_pose, apart))
+
     def is_sampled(self, motion: Resection) -> bool:
-        """Whether a motion agrees with such samples, eq. (85): it is the camera's, however few views show it."""
+        """Whether a motion agrees with samples that have agreed before, so that it is the camera's."""
         if self.by_inertia is None or not self.by_inertia.agreed:
             return False
-        apart = se3.log(se3.inverse(self.by_inertia.previous_from_cam) @ se3.inverse(motion.cam_from_ref))
-        distance2 = apart @ np.linalg.solve(self.by_inertia.cov + motion.spread * motion.cov_pose, apart)
-        return bool(distance2 < self.setup.rules.of(MotionRules).inertial_near)
+        return self.distance2(motion, self.by_inertia.cov) < self.setup.rules.of(MotionRules).expected_near
