@@ -45,24 +45,16 @@ def frame_status(
     inliers: int, note: str, config: RobustRules, motion: Resection | None = None
 ) -> tuple[Status, str]:
     """Return status and reason of an estimated frame; `note` as in Observations, `motion`: its robust first motion."""
-    reasons = [] if motion is None else _weaknesses(motion, config)
+    reasons = []
+    if motion is not None and motion.ambiguous is not None:
+        reasons.append("two rigid motions agree with the views")
+    elif motion is not None and motion.share < config.degraded_share:
+        reasons.append(f"only {motion.share:.0%} of the views, by their history, agree with one motion")
     if inliers < config.degraded_inliers:
         reasons.append(f"only {inliers} accepted views (fewer than {config.degraded_inliers})")
     if note:
         reasons.append(note)
     return (Status.DEGRADED if reasons else Status.OK), "; ".join(reasons)
-
-
-def _weaknesses(motion: Resection, config: RobustRules) -> list[str]:
-    """Return why the motion of a frame may not be the camera's, or its covariance may not be valid."""
-    reasons = []
-    if motion.ambiguous is not None:
-        reasons.append("two rigid motions agree with the views")
-    elif motion.share < config.degraded_share:
-        reasons.append(f"only {motion.share:.0%} of the views, by their history, agree with one motion")
-    if motion.spread > config.degraded_spread:
-        reasons.append(f"the views scatter by {np.sqrt(motion.spread):.1f} times their standard deviations")
-    return reasons
 
 
 def solution_of(

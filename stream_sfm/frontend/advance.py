@@ -68,7 +68,7 @@ def advance(
         unsteadiness=_unsteadiness(step, state, motion.cam_from_ref),
         tracks=now.judged(motion.accepted[kept], ambiguous=ambiguous),
         cam_from_start=cam_from_start,
-        velocity=se3.log(motion.cam_from_ref) / step.dt_s if step.dt_s > 0 else np.zeros(6),
+        velocity=se3.log(motion.cam_from_ref) / step.dt_s,
         ambiguity=ambiguity,
         start=_start(step, state, seen, motion, ambiguous),
     )
@@ -105,7 +105,7 @@ def _blurred_px(step: Step, seen: Seen, motion: Resection) -> Array:
 
 def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, ambiguous: bool) -> StartCheck:
     """Return the check of the start after a frame; an `ambiguous` motion is reported already."""
-    start = state.start.settled() if step.is_carried(motion) else state.start
+    start = state.start
     if ambiguous or start.is_over:
         return start
     start = start.begun_with(float(motion.accepted.mean()))
@@ -118,7 +118,7 @@ def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, ambi
 def _unsteadiness(step: Step, state: FrontEndState, cam_from_previous: Array) -> Unsteadiness | None:
     """Return how unsteady motions are after this one; None while that is unknown."""
     before = state.unsteadiness
-    if step.dt_s <= 0 or not state.velocity.any():
+    if not state.velocity.any():
         return before
     if before is None:
         rules = step.setup.rules.of(MotionRules)

@@ -62,11 +62,8 @@ class Step:
 
     def twist(self, velocity: Array, cam_from_previous: Array) -> Array:
         """Return the twist (6,) of the points at the end of the interval; `velocity` (6,): in the previous interval."""
-        if self.dt_s <= 0:
-            twist = np.zeros(6)
-        else:
-            between = se3.log(cam_from_previous) / self.dt_s
-            twist = between + 0.5 * (between - velocity) if velocity.any() else between
+        between = se3.log(cam_from_previous) / self.dt_s
+        twist = between + 0.5 * (between - velocity) if velocity.any() else between
         if self.by_inertia is None:
             return twist
         # two frames do not show the current rotation of a shaken camera
@@ -77,7 +74,7 @@ class Step:
 
         Without inertial samples, two frames show only one twist for both ends.
         """
-        if self.by_inertia is None or self.dt_s <= 0:
+        if self.by_inertia is None:
             return twist
         return 2 * se3.log(cam_from_previous) / self.dt_s - twist
 
@@ -99,12 +96,6 @@ class Step:
 
     def is_sampled(self, motion: Resection) -> bool:
         """Whether a motion agrees with samples that have agreed before, so that it is the camera's."""
-        return self.samples_agree and self._is_near_samples(motion)
-
-    def is_carried(self, motion: Resection) -> bool:
-        """Whether a motion agrees with samples from before the map began, so that it is not that of a body."""
-        return self.by_inertia is not None and self.by_inertia.carried and self._is_near_samples(motion)
-
-    def _is_near_samples(self, motion: Resection) -> bool:
-        near = self.setup.rules.of(MotionRules).expected_near
-        return self.by_inertia is not None and self.distance2(motion, self.by_inertia.cov) < near
+        if self.by_inertia is None or not self.by_inertia.agreed:
+            return False
+        return self.distance2(motion, self.by_inertia.cov) < self.setup.rules.of(MotionRules).expected_near

@@ -68,5 +68,3 @@ class RobustRules(Section, frozen=True, kw_only=True):
     degraded_inliers: Annotated[int, number("a frame with fewer accepted views is degraded", 4, 2000)] = 25
     # Below it, the tracks that agree may not be the background.
     degraded_share: Annotated[float, expert("a frame whose motion has less of the votes is degraded", 0, 1)] = 0.5
-    # If errors are three times their σ, covariances mean little.
-    degraded_spread: Annotated[float, expert("squared residuals of a degraded frame, times expected", 1, 1e8)] = 9.0

@@ -182,13 +182,13 @@ class SampleBuffer:
         reach_ns = max(5 * self._period_ns, 1e7)
         return bool(stamps[0] <= first_ns + reach_ns and stamps[-1] >= min(first_ns, last_ns - reach_ns))
 
-    def mean_acceleration(self, stamp_ns: int, over_s: float = 0.1) -> Array | None:
-        """Return the mean specific force (3,) just before a time, or else after it.
+    def mean_acceleration(self, stamp_ns: int) -> Array | None:
+        """Return the mean specific force (3,) in the tenth of a second before a time, or else just after it.
 
         None without nearby samples, or if these come too seldom.
         """
         stamps = self._samples.stamps_ns
-        near = (stamps <= stamp_ns + 1e7) & (stamps >= stamp_ns - round(over_s * 1e9))
+        near = (stamps <= stamp_ns + 1e7) & (stamps >= stamp_ns - 10**8)
         seldom = (np.diff(stamps[stamps <= stamp_ns + 1e7][-2:]) > SETTINGS.dense_s * 1e9).any()
         return self._samples.accel_m_s2[near].mean(axis=0) if near.any() and not seldom else None
 

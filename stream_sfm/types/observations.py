@@ -135,16 +135,14 @@ class ExpectedMotion:
     """The motion since the frame at `since_ns` that inertial samples predict.
 
     `previous_from_cam` (4, 4) with its covariance `cov` (6, 6), right perturbation; `twist` (6,): motion of the scene
-    relative to the camera at the end, m/s and rad/s. `carried`: the state is from before the current map, so that it
-    can judge its start. `agreed`: samples and images have agreed for so long that a motion that contradicts the
-    samples is not the camera's.
+    relative to the camera at the end, m/s and rad/s. `agreed`: samples and images have agreed for so long that a motion
+    that contradicts the samples is not the camera's.
     """
 
     since_ns: int
     previous_from_cam: Array
     cov: Array
     twist: Array
-    carried: bool = False
     agreed: bool = False
 
     def __repr__(self) -> str:

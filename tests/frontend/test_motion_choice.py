@@ -153,7 +153,7 @@ def chosen_after_start(
     found = changed(found, before=changed(found.before, agreed=agreed))
     nothing = cast(Any, None)
     cov = np.diag(np.repeat([std_m, 0.1 * std_m], 3) ** 2)
-    samples: Any = SimpleNamespace(previous_from_cam=se3.inverse(predicted), cov=cov, agreed=True, carried=False)
+    samples: Any = SimpleNamespace(previous_from_cam=se3.inverse(predicted), cov=cov, agreed=True)
     step = Step(Setup(P, Config()), nothing, nothing, 0.05, predicted, True, samples)
     state: Any = SimpleNamespace(start=StartCheck(gone=True), unsteadiness=None, ambiguity=AmbiguityMemory())
     return choose(step, state, found, motion)

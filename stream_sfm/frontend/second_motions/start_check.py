@@ -66,11 +66,6 @@ class StartCheck:
         """Return the check with the `share` of a frame's tracks that agree, if it is the first frame."""
         return self if self.first_share else changed(self, first_share=share)
 
-    def settled(self) -> "StartCheck":
-        """Return the check after other evidence has shown that the motion is the camera's."""
-        evidence = changed(self.confirmation.evidence, is_there=True)
-        return changed(self, confirmation=changed(self.confirmation, evidence=evidence), contradicted=False)
-
     def after(self, ids: NDArray[np.int64], accepted: NDArray[np.bool_]) -> "StartCheck":
         """Return the check after a frame in which the tracks `ids` (n,), ascending, were found.
 

@@ -57,7 +57,6 @@ class Inertia:
         self._distance2, self._note, self._frames = 0.0, "", config.window.frames
         self._led: tuple[tuple[Any, ...], Transition] | None = None  # the latest one, and its arguments
         self._expected_by: tuple[Transition, ExpectedMotion] | None = None  # the latest one, from that transition
-        self._carried = False  # the state was begun before the current map
         self._unproven = False  # no motion of the images has agreed with it yet
         self._restart: Known | None = None  # the state begins again with this in the next frame
         self._is_fresh = True  # the velocity is not known yet, so that nothing can be expected of the samples
@@ -118,7 +117,7 @@ class Inertia:
     def begin(self, current: WindowState, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> WindowState:
         """Give a new map its inertial state: the predicted one, or else an initial one."""
         known = None if self._belief.is_out else self.predicted(stamp_ns)
-        self._carried = self._unproven = known is not None and (self._belief.is_proven or self._unproven)
+        self._unproven = known is not None and (self._belief.is_proven or self._unproven)
         self._belief, self._trial = self._belief.interrupted(), None
         if self._belief.is_out:
             self.now = None
@@ -328,7 +327,7 @@ class Inertia:
         rate = self._buffer.rate(then.stamp_ns, float(then.state[CLOCK][0])) - then.state[GYRO_BIAS]
         twist = -np.concatenate([then.state[VELOCITY], mounted @ se3.exp_so3(then.state[AXES]) @ rate])
         motion = since.stamp_ns, then.world_from_cam, then.cov_pose, twist
-        return ExpectedMotion(*motion, carried=self._carried, agreed=self._belief.is_proven)
+        return ExpectedMotion(*motion, agreed=self._belief.is_proven)
 
     def guiding(self, stamp_ns: int) -> ExpectedMotion | None:
         """Return the expected motion if the samples are trusted, none is missing, and a camera can move so."""
