@@ -155,11 +155,13 @@ def slides_px2(projection: StereoProjection, views: WhitenedViews) -> Array:
     A point does not move within the window, so it lies in the middle of where its patch has been. A view differs from
     the one in the middle of its track by the slides between both, which add up as a random walk, eq. (26a).
     """
-    by_track = np.lexsort((views.frame, views.ids))
+    by_track = views.ids.argsort(kind="stable")  # rows are sorted by frame already
     ids, walked = views.ids[by_track], np.cumsum(views.var_drift[by_track, 0]) * projection.f_px**2
-    first, end = np.searchsorted(ids, ids), np.searchsorted(ids, ids, side="right")
+    ends = np.concatenate([[0], (ids[1:] != ids[:-1]).nonzero()[0] + 1, [len(ids)]])  # of tracks
+    lengths = ends[1:] - ends[:-1]
+    middle = (ends[:-1] + lengths // 2).repeat(lengths)
     result = np.empty(len(ids))
-    result[by_track] = np.abs(walked - walked[first + (end - first) // 2])
+    result[by_track] = np.abs(walked - walked[middle])
     return result
 
 
