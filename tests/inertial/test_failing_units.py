@@ -7,6 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from stream_sfm.estimators.window.inertia.checks import Surprise
+from stream_sfm.estimators.window.inertia.rules import InertiaRules
 from stream_sfm.inertial.samples import ImuSamples
 from stream_sfm.methods import REFERENCE, WITHOUT_IMU
 from stream_sfm.types import Observations, Solution, Status
@@ -169,3 +171,26 @@ def test_samples_of_every_rate_never_make_it_worse(rate_hz: float) -> None:
     assert all(e.status is Status.OK for e in found[1:])
     assert rms_m(found, poses) < 1.05 * rms_m(found_by(WITHOUT_IMU, 33, 40), poses)
     assert (found[-1].inertial is not None) == (rate_hz > 33)
+
+
+@pytest.mark.parametrize("seed", [22, 23])
+def test_a_gyroscope_whose_scale_is_wrong_widens_what_samples_say(seed: int) -> None:
+    """No single frame contradicts it; without (85d) the largest squared distances are 52 and 68."""
+    poses, observations = sound(seed, FRAMES)
+    scaled = with_values(lambda g: 0.75 * g, same)
+    shown = [
+        replace(o, inertial=replace(o.inertial, samples=scaled(o.inertial.samples))) if k >= FAULT // 2 else o
+        for k, o in enumerate(observations)
+        if o.inertial is not None
+    ]
+    found = run(REFERENCE, PROJECTION, shown)
+    ok = [nees(e.world_from_cam, e.cov_pose, p) for e, p in zip(found, poses, strict=True) if e.status is Status.OK]
+    assert len(ok) > FRAMES // 2 and max(ok) < FIVE_SIGMA
+
+
+def test_a_sound_unit_never_surprises() -> None:
+    surprise, found = Surprise(InertiaRules()), run(REFERENCE, PROJECTION, sound(22, FRAMES)[1])
+    for solution in found:
+        if solution.inertial is not None:
+            surprise = surprise.after(solution.inertial.distance2)
+            assert surprise.factor == 1.0

@@ -119,6 +119,28 @@ class Jitter:
         return max(2 * self.products / (self.count + self.rules.data_sheet), 0.0)
 
 
+@record
+class Surprise:
+    """How much farther than expected the motions of images have been from those of the samples lately, eq. (85d).
+
+    `mean`: of squared distances over their expected value. A wrong scale or axis that no single frame contradicts
+    shows here at once, and in `Densities` only once its intervals leave the window.
+    """
+
+    rules: InertiaRules
+    mean: float = 1.0
+
+    def after(self, distance2: float) -> "Surprise":
+        """Return the record after a frame."""
+        ratio = min(distance2, self.rules.apart) / 6
+        return changed(self, mean=self.mean + (ratio - self.mean) / self.rules.surprise_frames)
+
+    @property
+    def factor(self) -> float:
+        """The factor on the variance of an interval: exactly 1 in sound units."""
+        return self.mean**2 if self.mean > self.rules.surprising else 1.0
+
+
 def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
     """Return scale, axes and clock (5,), each of which is exactly zero if that is likelier, eq. (87).
 

@@ -25,7 +25,7 @@ from ..absorb import with_inertia, without_inertia
 from ..state import WindowState
 from ..window_frame import WindowFrame
 from .belief import Belief, Innovation, Steadiness
-from .checks import Densities, Jitter, impossible, inertial_estimate, with_odds
+from .checks import Densities, Jitter, Surprise, impossible, inertial_estimate, with_odds
 from .inertial_window import InertialWindow
 from .interval import JOINT, Interval, Known, Transition, transition
 from .rules import InertiaRules
@@ -52,7 +52,7 @@ class Inertia:
         self.now: Known | None = None
         self._belief = Belief.begun(self._rules, np.array(config.motion.std_acceleration))
         self._steadiness, self._densities = Steadiness(self._rules), Densities.begun(self._rules)
-        self._jitter = Jitter(self._rules)
+        self._jitter, self._surprise = Jitter(self._rules), Surprise(self._rules)
         self._noise_known = False  # from the samples themselves
         self._distance2, self._note, self._frames = 0.0, "", config.window.frames
         self._led: tuple[tuple[Any, ...], Transition] | None = None  # the latest one, and its arguments
@@ -98,7 +98,7 @@ class Inertia:
         """Continue without samples."""
         logging.getLogger("stream_sfm").warning(problem)
         self.problem, self.now, self._restart, self._trial = problem, None, None, None
-        self._steadiness = Steadiness(self._rules)
+        self._steadiness, self._surprise = Steadiness(self._rules), Surprise(self._rules)
 
     def begun(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Known | None:
         """Return the initial state of a camera; None without samples around its stamp."""
@@ -239,9 +239,7 @@ class Inertia:
     def judge(self, motion: Resection, frame: WindowFrame) -> tuple[Resection, WindowFrame]:
         """Compare the motions from images and samples; if they contradict, either may be the camera's.
 
-        The interval of the frame then has nearly no information.
-
-        Raises NotTheCameraError if the map is new and the samples are not.
+        The frame's interval then has nearly no information. Raises NotTheCameraError if only the map is new.
         """
         if frame.interval is None or self.now is None:
             self._try(motion, frame)
@@ -261,8 +259,9 @@ class Inertia:
         self._is_fresh, self._distance2 = distance2 > rules.apart, distance2
         if self._unproven and not self._belief.is_out and self.dead_reckoned(frame.stamp_ns) is not None:
             raise NotTheCameraError("the images of a new map contradict the samples: they may show a moving body")
+        self._surprise = self._surprise.after(distance2)
         if distance2 <= rules.apart:
-            return motion, changed(frame, interval=interval)
+            return motion, changed(frame, interval=interval.wider(self._surprise.factor))
         frame = changed(frame, interval=interval.open(distance2))  # it may be wrong, even if the others agree
         if not (self._belief.contradicted and self._belief.lasted_s):  # a single frame is no contradiction
             return motion, frame

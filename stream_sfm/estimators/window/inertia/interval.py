@@ -91,6 +91,10 @@ class Interval:
         """Return the interval with nearly no information, where a motion is at this squared distance from it."""
         return changed(self, opened=max(1e4, 1e2 * distance2))  # factor on its variance: a tenth of σ is left
 
+    def wider(self, factor: float) -> "Interval":
+        """Return the interval with a variance that is larger by at least this factor."""
+        return changed(self, opened=max(self.opened, factor))
+
 
 class Intervals(NamedTuple):
     """Consecutive intervals (n) as arguments of `core.inertial_rows`: the fields of `Interval` as arrays."""

@@ -20,6 +20,11 @@ class InertiaRules(Section, frozen=True, kw_only=True):
     farther: Annotated[float, expert("factor on σ of an image motion, compared with samples", 1, 100)] = 1.5
     # 6 are expected. A single bad frame is no contradiction, but its interval is not used.
     apart: Annotated[float, expert("squared distance of two motions that contradict each other", 6, 1e8)] = 40.0
+    # Single frames of sound units reach 11, and the mean over these frames hardly 9; a real drone's is 6.
+    surprise_frames: Annotated[float, expert("frames over which surprise by samples is averaged", 1, 1e4)] = 5.0
+    surprising: Annotated[
+        float, expert("mean squared distance of motions that surprises, of its expected one", 1, 1e4)
+    ] = 2.0
     # Five σ: once in 3.5 million.
     bound: Annotated[float, expert("log odds of samples, at most, and so how soon they change", 1e-3, 1e4)] = 14.4
     # What the views of a frame share is one event, so that a single bad frame is no contradiction.
