@@ -61,6 +61,14 @@ class CameraSettings:
     # hardly seen without their prior.
     common_disparity: float = 3.0
     rounds: int = 50  # of variational Bayes
+    row_rounds: int = 2  # of mending rows; the second one removes a per cent of the first
+
+    # A refinement is checked on frames from which it was not made. Share of the error that these find without it: with
+    # one that helps they find less. A smaller error is not worth a refinement, whose σ every later run would carry.
+    helps: float = 0.9
+    worth_px: float = 0.05
+    sigma_grows: float = 1.5  # factor on σ of the end, at most; with a right refinement it shrinks
+    least_frames: int = 24  # of a part; fewer do not show whether its own parts agree
 
     # 16-bit images.
     bright_share: float = 1e-3  # share of pixels that may be brighter than white: hot pixels, lamps

@@ -20,7 +20,6 @@ from .relative import known_frames
 from .settings import SETTINGS
 
 GLOBAL_FIGURES = ("global_structure_rms_m", "global_structure_median_m", "global_structure_error_over_sigma")
-_NUMBERS = 3 + 9  # of a place and its covariance
 
 
 class TestPoints:
@@ -62,7 +61,7 @@ class TestPoints:
         used = known[at] & known[at_first]
         first_from_world = se3.inverse(estimate.world_from_cam[0])
         first_from_cam = se3.inverse(true[0]) @ true[at_first[used]]
-        numbers = np.array(self._numbers).reshape(-1, _NUMBERS)[used]
+        numbers = np.array(self._numbers).reshape(-1, 3 + 9)[used]
         found = se3.transform(first_from_world, numbers[:, :3])
         error = found - np.einsum("nij,nj->ni", first_from_cam[:, :3, :3], places[used]) - first_from_cam[:, :3, 3]
         turn = first_from_world[:3, :3]

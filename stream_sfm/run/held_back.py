@@ -8,13 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..camera.refinement import PARTS, Refinement
+from ..camera.settings import SETTINGS
 from ..types import Selection
 from .looks import Look
 
-_HELPS = 0.9  # of the error that held-back frames find without a refinement: with one that helps they find less
-_LEAST_PX = 0.05  # of that error: less is not worth a refinement, whose σ every later run would carry
-_SIGMA_GROWS = 1.5  # σ of the end; with a right refinement it shrinks
-_LEAST_FRAMES = 24  # of a part; fewer do not show whether its own parts agree
 _NAMES = ("disparity", "lenses of both cameras", "difference of the lenses")
 
 LookAgain = Callable[[Look, Refinement | None, Selection], Look]
@@ -46,7 +43,7 @@ def checked(looks: Sequence[Look], again: LookAgain, combine: Combine) -> Checke
     before_px, after_px = np.sqrt(np.mean(np.square(errors), axis=0))
     kept, notes = [], []
     for terms, name, before, after in zip(PARTS, _NAMES, before_px, after_px, strict=True):
-        helps = bool(before > _LEAST_PX and after < _HELPS * before)
+        helps = bool(before > SETTINGS.worth_px and after < SETTINGS.helps * before)
         kept += [terms] if helps else []
         notes.append(
             f"{name}: held-back frames find {before:.2f} px without a refinement and {after:.2f} px with it: "
@@ -64,7 +61,7 @@ def worse(plain: Look, refined: Look) -> str:
     before = [] if plain.rig is None else plain.rig.findings()
     if len(found := refined.rig.findings()) > len(before):
         return f"it finds that {found[-1]}"
-    if refined.std_end_m > _SIGMA_GROWS * plain.std_end_m:
+    if refined.std_end_m > SETTINGS.sigma_grows * plain.std_end_m:
         return f"σ of the end grows from {plain.std_end_m:.3g} to {refined.std_end_m:.3g} m"
     return ""
 
@@ -72,7 +69,7 @@ def worse(plain: Look, refined: Look) -> str:
 def _halves(of: Look, again: LookAgain) -> list[Look]:
     """Return looks at the halves of a log; none if they would be too short."""
     stamps_ns = of.record.stamps_ns
-    if len(stamps_ns) < 2 * _LEAST_FRAMES:
+    if len(stamps_ns) < 2 * SETTINGS.least_frames:
         return []
     return [again(of, None, selection) for selection in _selections(of, stamps_ns.tolist())]
 

@@ -25,8 +25,6 @@ from .held_back import checked, worse
 from .looks import Look, look
 from .mending import focal_of, together, with_longer_focal, with_right_turned
 
-_TURNS = 2  # rounds of mending rows; the second one removes a per cent of the first
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RefinedRig:
@@ -112,7 +110,7 @@ class _Refining:
     def mend_rows(self) -> None:
         """Turn the right camera so that rows agree."""
         first = self.rig
-        for _ in range(_TURNS):
+        for _ in range(SETTINGS.row_rounds):
             turn = turn_by_rows([of.rows for of in self.looks])
             if not turn.is_real or not self._take(with_right_turned(self.rig, turn.rad), "rows"):
                 break
