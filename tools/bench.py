@@ -78,6 +78,7 @@ def measure(log: Path, repeat: int, overrides: list[str]) -> dict[str, Any]:
         "step_above_imports_mib": job("step", log, *overrides)["above_images_mib"],
         "calls_a_frame": job("calls", log, *overrides),
         "budget": job("budget", log, *overrides),
+        "samples_ms": job("samples", log, *overrides),
         "start_up_cpu_s": start_up_cpu_s(log),
         "ground_truth": replays[0]["ground_truth"],
         "turns": turns,
@@ -114,6 +115,8 @@ def show(results: dict[str, Any]) -> None:
         table.add_row("files of a step, not behind a door", f"{counts['step']['to_read']:.0f}")
         for language, ms in r["budget"]["ms"].items():
             table.add_row(f"{language}, CPU ms a step", f"{ms:.2f}")
+        for what, ms in r["samples_ms"].items():
+            table.add_row(f"CPU ms a step, {what}", f"{ms:.2f}")
         for what, count in r["budget"]["unknowns"].items():
             table.add_row(f"unknowns: {what}", f"{count:.0f}")
         for stage, times in r["stages_ms"].items():

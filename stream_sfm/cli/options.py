@@ -262,7 +262,6 @@ class TruthFile:
     ground_truth_offset: Annotated[float, Parameter(converter=each(_finite), metavar="S")] = 0.0
 
     def read(self) -> "GroundTruthFile | None":
-        """The file chosen, if any."""
         if self.ground_truth is None:
             return None
         from ..logs.recording.truth_file import GroundTruthFile

@@ -122,7 +122,6 @@ class ProgressSink:
         self._status = ""
 
     def write(self, estimate: "FrameEstimate", frame: "Frame") -> None:
-        """Count one frame."""
         line = ""
         if self._verbose and estimate.status != self._status:
             line = ": ".join(filter(None, (f"frame {estimate.frame_index}", estimate.status, estimate.reason)))

@@ -46,28 +46,45 @@ class Resection {
         return other.ok && !same && (!found.ok || support(other) > support(found)) ? std::move(other) : std::move(found);
     }
 
-    // The motion with that of the clearly disagreeing views as the second one; exchanged if the second is clearly better.
+    // The motion of other views, which views agree with only one of the two motions, and the evidence of these, (23c).
+    struct Other {
+        Fitted motion;
+        Array<bool, 1> only_other, only_found;
+        double odds;
+    };
+
+    // The motion that views which clearly disagree with the one found have in common, if there is one.
     //
     // Many views may agree with both motions; they do not show which of the two is that of the background. A view has three
     // coordinates of its own; correspondingly more views are required if they also determine shared errors.
-    Resected with_second(Fitted found) const {
+    std::optional<Other> other_than(const Fitted& found) const {
         std::vector<std::size_t> off = rows_where(n, [&](std::size_t i) { return is_beyond(found, i); });
-        if (!wanted.second || !found.ok || off.size() < rules.second_views) return {std::move(found), std::nullopt};
-        Array<double, 2> start = search_among(off, found);
-        Fitted other = fit(start, found.amplitudes, false);
-        Array<bool, 1> only_other(n), only_found(n);
+        if (!wanted.second || !found.ok || off.size() < rules.second_views) return std::nullopt;
+        Other other{fit(search_among(off, found), found.amplitudes, false), Array<bool, 1>(n), Array<bool, 1>(n), 0.0};
+        const Fitted& motion = other.motion;
         std::size_t agree = 0;
-        for (std::size_t i : off) agree += only_other.data[i] = other.accepted.data[i];
-        double determined = static_cast<double>(other.amplitudes.shape[0]);
-        for (std::size_t k = 0; k < other.amplitudes.shape[0]; k++) determined -= other.cov_amplitudes[k][k];
-        if (!other.ok || static_cast<double>(agree) < static_cast<double>(rules.second_views) + determined / 3)
-            return {std::move(found), std::nullopt};
-        for (std::size_t i = 0; i < n; i++) only_found.data[i] = found.accepted.data[i] && is_beyond(other, i);
-        double odds = evidence_of(only_other) / std::max(evidence_of(only_found), 1e-12);
-        if (odds <= 1 / rules.ambiguous_share)
-            return {std::move(found), Second{std::move(other.cam_from_ref), std::move(other.cov_pose), std::move(only_other), odds}};
-        Second first{std::move(found.cam_from_ref), std::move(found.cov_pose), std::move(only_found), 1 / odds};
-        return {std::move(other), std::move(first)};
+        for (std::size_t i : off) agree += other.only_other.data[i] = motion.accepted.data[i];
+        double determined = static_cast<double>(motion.amplitudes.shape[0]);
+        for (std::size_t k = 0; k < motion.amplitudes.shape[0]; k++) determined -= motion.cov_amplitudes[k][k];
+        if (!motion.ok || static_cast<double>(agree) < static_cast<double>(rules.second_views) + determined / 3) return std::nullopt;
+        for (std::size_t i = 0; i < n; i++) other.only_found.data[i] = found.accepted.data[i] && is_beyond(motion, i);
+        other.odds = evidence_of(other.only_other) / std::max(evidence_of(other.only_found), 1e-12);
+        return other;
+    }
+
+    // Two motions; exchanged if the second is clearly better.
+    Resected both(Fitted found, Other other) const {
+        if (other.odds <= 1 / rules.ambiguous_share)
+            return {std::move(found), Second{std::move(other.motion.cam_from_ref), std::move(other.motion.cov_pose), std::move(other.only_other), other.odds}};
+        Second first{std::move(found.cam_from_ref), std::move(found.cov_pose), std::move(other.only_found), 1 / other.odds};
+        return {std::move(other.motion), std::move(first)};
+    }
+
+    // The motion with that of the clearly disagreeing views, if they have one.
+    Resected with_second(Fitted found) const {
+        std::optional<Other> other = other_than(found);
+        if (!other) return {std::move(found), std::nullopt};
+        return both(std::move(found), std::move(*other));
     }
 
     // The motion of one rigid scene: if halves of the views disagree, it is sought again from the motion of each half, and from
@@ -91,7 +108,11 @@ class Resection {
             most = says, odds = share;
         }
         if (most == 0) return first;
-        best.second = Second{std::move(first.found.cam_from_ref), std::move(first.found.cov_pose), std::move(without), odds};
+        // the first motion is between those of two sets, and that of neither
+        std::optional<Other> other = other_than(best.found);
+        if (other && halves_of(other->motion).apart < rules.halves_apart) return both(std::move(best.found), std::move(*other));
+        Fitted alone = fit_alone(rows_where(n, [&](std::size_t i) { return without.data[i]; }), std::move(first.found));
+        best.second = Second{std::move(alone.cam_from_ref), std::move(alone.cov_pose), std::move(without), odds};
         return best;
     }
 
@@ -135,13 +156,26 @@ class Resection {
 
     bool is_beyond(const Fitted& of, std::size_t i) const { return of.squared_residuals.data[i] > rules.beyond_gates * views.gate.data[i]; }
 
-    // The motion that most of these views agree with, after shared errors are subtracted.
-    Array<double, 2> search_among(const std::vector<std::size_t>& rows, const Fitted& found) const {
+    // Some of the views without the errors that all share, which a motion has found.
+    SelectedViews selected(const std::vector<std::size_t>& rows, const Fitted& found) const {
         SelectedViews seen(views, rows);
         std::size_t amplitudes = found.amplitudes.shape[0];
         for (std::size_t i = 0; i < 4 * rows.size(); i++)
             for (std::size_t k = 0; k < amplitudes; k++) seen.z.data[i] -= seen.shared.data[i * amplitudes + k] * found.amplitudes.data[k];
         seen.shared = Array<double, 3>(rows.size(), 4, 0);
+        return seen;
+    }
+
+    // The motion of these views by themselves, near a motion that they agree with; this one, if they do not determine one.
+    Fitted fit_alone(const std::vector<std::size_t>& rows, Fitted near) const {
+        SelectedViews seen = selected(rows, near);
+        Fitted alone = fit_motion(seen.views(), near.cam_from_ref, Array<double, 1>(0), rows_of(votes, rows), rules, false);
+        return alone.ok ? std::move(alone) : std::move(near);
+    }
+
+    // The motion that most of these views agree with.
+    Array<double, 2> search_among(const std::vector<std::size_t>& rows, const Fitted& found) const {
+        SelectedViews seen = selected(rows, found);
         return search_motion(seen.views(), found.cam_from_ref, rows_of(votes, rows), rules, rules.second_views);
     }
 

@@ -334,7 +334,8 @@ WIDER Array<double, 2> principal_components(Matrix errors) {
     for (std::size_t a = 0; a < k; a++)
         for (std::size_t b = 0; b < a; b++) products[a * k + b] = products[b * k + a];
     const double least = 1e-2;  // px², of all views: the variance of a good one
-    diagonalise(products.data(), axes.data(), k, 1e-12 * least * least);  // any orthogonal axes give the same errors
+    // any orthogonal axes give the same errors; these need only tell the negligible ones
+    diagonalise(products.data(), axes.data(), k, 1e-4 * least * least);
     std::size_t kept = 0;
     for (std::size_t a = 0; a < k; a++) {
         if (!(products[a * k + a] > least)) continue;

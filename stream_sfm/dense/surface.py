@@ -193,7 +193,6 @@ class _Fused(Sink):
         self.problems: list[str] | None = None
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
-        """Add a frame."""
         assert isinstance(frame, RecordedFrame)  # of a log
         self.problems = log_problems(self._log, [frame]) if self.problems is None else self.problems
         if estimate.status is not Status.LOST:

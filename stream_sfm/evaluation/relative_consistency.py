@@ -84,7 +84,6 @@ class RelativeRecord:
         return None if span else motion
 
     def motions(self, span: int) -> Motions:
-        """Return the motions over a span."""
         numbers = np.array(self._numbers).reshape(-1, len(SPANS), _NUMBERS)[:, SPANS.index(span)]
         rows = np.flatnonzero(np.isfinite(numbers[:, 0]))
         cov = np.zeros((len(rows), 6, 6))

@@ -72,8 +72,7 @@ def advance(
         ambiguity=ambiguity,
         start=_start(step, state, seen, motion, ambiguous),
     )
-    has_samples = step.by_inertia is not None and step.by_inertia.agreed
-    found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, has_samples)
+    found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, step.samples_agree)
     blurred_px = _blurred_px(step, seen, motion)[rows]
     return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, second, settled, blurred_px)
 

@@ -65,7 +65,6 @@ class TemplateAligner:
         )
 
     def in_images(self, images: PreparedImages, in_both: bool) -> Templates:
-        """Return the templates with the images in which they are sought."""
         left, right = images.grey(self.scale)
         return Templates(left, right if in_both else None, self.atlas.grey, self.area, self)
 

@@ -151,6 +151,7 @@ class StereoFrontEnd:
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of a frame that was followed, with the points that begin in it."""
+        rules = self.setup.rules.of(ImageRules)
         motion, blurred_px = followed.cam_from_previous, followed.blurred_px
         drift_px = state.tracks.drift_px(motion, self.setup.slide_px, blurred_px)
         z_new, cov_new = RawViews(np.empty((0, 4))), np.empty((0, 4, 4))
@@ -158,7 +159,7 @@ class StereoFrontEnd:
             state, z_new, cov_new = begin_points(self.setup, state, images)
         z_px = RawViews(np.concatenate([followed.z_px, z_new]))
         cov_px = np.concatenate([followed.cov_px, cov_new])
-        note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
+        note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px, rules)
         f_px, drifts_px = self.setup.projection.f_px, np.concatenate([drift_px, np.zeros(len(z_new))])
         return self._observed(
             state,
@@ -191,7 +192,7 @@ class StereoFrontEnd:
         jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.of(ImageRules))
         if jumped:
             note = note or _JUMPED
-        seen = _seen(fresh, images, stamp_ns, z_px)
+        seen = _seen(fresh, images, stamp_ns, z_px, rules.of(ImageRules))
         return self._observed(seen, stamp_ns, z_px, cov_px, note, n_new=len(z_px), jumped=jumped)
 
     def _observed(
@@ -237,7 +238,7 @@ class StereoFrontEnd:
             return _LAID_OVER
         n_in_both = int(np.count_nonzero(np.isfinite(z_px[:, 2])))
         enough = self.setup.rules.of(RobustRules).min_inliers
-        return image_note(images, state.previous, len(z_px), n_in_both, enough, rules)
+        return image_note(images, state.previous, state.copied, len(z_px), n_in_both, enough, rules)
 
     def _turn_note(self, watch: TurnWatch | None) -> str:
         """Return the note that the right camera seems to have turned, or an empty string."""
@@ -263,18 +264,19 @@ class StereoFrontEnd:
         return found if not turn_rad.any() else with_turn(self.rig, found, turn_rad)
 
 
-def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array) -> FrontEndState:
+def _seen(
+    state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array, rules: ImageRules
+) -> FrontEndState:
     """Return the state from which the next frame is followed, its image checks updated by all views (n, 4)."""
     pictures = state.pictures.after(images, state.tracks.ids[: len(z_px)], z_px[:, :2])
-    return changed(state.followed_from(images, stamp_ns), pictures=pictures)
+    return changed(state.followed_from(images, stamp_ns, rules), pictures=pictures)
 
 
 def _ambiguity(second: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
     """Return why a frame's motion may not be the camera's: another one may be, or left and right are inconsistent."""
     misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
     if second is not None:
-        repeats = state.ambiguity.repeats
-        return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, second.lasted, of_start, repeats)
+        return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, second.lasted, of_start)
     return Ambiguity(misfit=True, of_start=of_start) if misfit else None
 
 

@@ -45,7 +45,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
         9.0
     )
     # Squared distances of six unknowns are 6 on average.
-    inertial_near: Annotated[float, expert("largest squared distance of a motion from inertia", 0, 1e6)] = 20.0
+    expected_near: Annotated[float, expert("largest squared distance of a motion from the expected", 0, 1e6)] = 20.0
     # This corresponds to odds of 1800.
     inertial_apart: Annotated[float, expert("least difference of squared distances from inertia", 0, 1e6)] = 15.0
 

@@ -16,6 +16,8 @@ from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..pictures.checks import Suspicions
 from ..pictures.prepared import PreparedImages
+from ..pictures.rules import ImageRules
+from ..pictures.torn import Copied, copied
 from ..record import changed, record
 from .alignment import Aligners
 from .learnt.disparity_error import DisparityError
@@ -97,7 +99,8 @@ class FrontEndState:
 
     - `frame_index`: of the next frame; `stamp_ns`: of the latest one, None before the first; `grey_bits`: the bits of
       16-bit images in use, according to the brightest so far.
-    - `previous`: the images, at `previous_ns`, from which the next frame is followed. `tracks`: the points that are
+    - `previous`: the images, at `previous_ns`, from which the next frame is followed, and
+      `copied`: which of their rows were those of the frame before. `tracks`: the points that are
       followed; `next_id`: the id of the next new one. `cam_from_start` (4, 4): the front-end's own chain of motions,
       which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second;
       `unsteadiness`: how much motions change, None before there are two.
@@ -126,6 +129,7 @@ class FrontEndState:
     grey_bits: int = FEWEST_BITS
     previous: PreparedImages | None = None
     previous_ns: int = 0
+    copied: Copied | None = None
     tracks: Tracks = field(default_factory=Tracks.none)
     next_id: int = 0
     cam_from_start: Array = field(default_factory=lambda: np.eye(4))
@@ -157,9 +161,10 @@ class FrontEndState:
         """Return where right sides of points with a twist (6,) are sought."""
         return RightSides(self.rows_with_delay, self.turn_rad, twist)
 
-    def followed_from(self, images: PreparedImages, stamp_ns: int) -> "FrontEndState":
+    def followed_from(self, images: PreparedImages, stamp_ns: int, rules: ImageRules) -> "FrontEndState":
         """Return the state after a frame from whose images the next one is followed."""
-        return changed(self, previous=images.shrunk(), previous_ns=stamp_ns)
+        rows = copied(images, self.previous, rules.slope_grey)
+        return changed(self, previous=images.shrunk(), previous_ns=stamp_ns, copied=rows)
 
     def lost(self) -> "FrontEndState":
         """Return the state without tracks, velocity, and what depends on these."""

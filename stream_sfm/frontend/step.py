@@ -81,26 +81,30 @@ class Step:
             return twist
         return 2 * se3.log(cam_from_previous) / self.dt_s - twist
 
-    def distance2(self, motion: Resection) -> float:
-        """Return the squared distance of a motion from the one that samples predict, by both covariances, eq. (85)."""
-        if self.by_inertia is None:
-            return np.inf
-        apart = se3.log(se3.inverse(self.by_inertia.previous_from_cam) @ se3.inverse(motion.cam_from_ref))
-        return float(apart @ np.linalg.solve(self.by_inertia.cov + motion.spread * motion.cov_pose, apart))
+    @property
+    def samples_agree(self) -> bool:
+        """Whether the motion is predicted by samples that have agreed with the images for a while."""
+        return self.by_inertia is not None and self.by_inertia.agreed
 
-    def may_be(self, motion: Resection) -> bool:
-        """Whether samples that have agreed with the images for a while, if there are any, allow a motion."""
-        rules = self.setup.rules.of(MotionRules)
-        if self.by_inertia is None or not self.by_inertia.agreed:
-            return True
-        return self.distance2(motion) < rules.inertial_near + rules.inertial_apart
+    def cov_predicted(self, unsteadiness: Unsteadiness | None) -> Array:
+        """Return the covariance (6, 6) of the predicted motion by such samples, or by the usual changes of motion."""
+        if self.by_inertia is not None and self.by_inertia.agreed:
+            return self.by_inertia.cov
+        return np.diag(self.usual_change(unsteadiness) ** 2)
+
+    def distance2(self, motion: Resection, cov_predicted: Array) -> float:
+        """Return the squared distance of a motion from the predicted one, by both covariances, eq. (85)."""
+        apart = se3.log(self.predicted @ se3.inverse(motion.cam_from_ref))
+        return float(apart @ np.linalg.solve(cov_predicted + motion.spread * motion.cov_pose, apart))
 
     def is_sampled(self, motion: Resection) -> bool:
-        """Whether a motion agrees with such samples, so that it is the camera's, however few views show it."""
-        agreed = self.by_inertia is not None and self.by_inertia.agreed
-        return agreed and self.distance2(motion) < self.setup.rules.of(MotionRules).inertial_near
+        """Whether a motion agrees with samples that have agreed before, so that it is the camera's."""
+        return self.samples_agree and self._is_near_samples(motion)
 
     def is_carried(self, motion: Resection) -> bool:
         """Whether a motion agrees with samples from before the map began, so that it is not that of a body."""
-        carried = self.by_inertia is not None and self.by_inertia.carried
-        return carried and self.distance2(motion) < self.setup.rules.of(MotionRules).inertial_near
+        return self.by_inertia is not None and self.by_inertia.carried and self._is_near_samples(motion)
+
+    def _is_near_samples(self, motion: Resection) -> bool:
+        near = self.setup.rules.of(MotionRules).expected_near
+        return self.by_inertia is not None and self.distance2(motion, self.by_inertia.cov) < near

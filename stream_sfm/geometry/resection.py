@@ -129,6 +129,20 @@ def combined(found: Resection, other_from_ref: Array, cov_other: Array) -> Resec
     return changed(found, cam_from_ref=cam_from_ref, cov_pose=cov - gain @ cov)
 
 
+def judged(found: Resection, views: PointViews, weights: Array) -> Resection:
+    """Return a motion of some of the views (n) judged by all of them: which agree with it unchanged."""
+    squared = residuals_of(views, found.cam_from_ref, found.amplitudes)
+    accepted = squared < views.gate
+    return changed(
+        found,
+        accepted=accepted,
+        squared_residuals=squared,
+        chi2=float(squared[accepted].sum()),
+        dof=int(np.isfinite(views.z_px[accepted]).sum()),
+        share=float(weights[accepted].sum() / weights.sum()),
+    )
+
+
 def residuals_of(views: PointViews, cam_from_ref: Array, amplitudes: Array | None = None) -> Array:
     """Return the squared whitened residuals (n,) of views under a motion (4, 4), with amplitudes (j,) or without."""
     root, _ = views.linearise(cam_from_ref)

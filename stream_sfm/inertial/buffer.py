@@ -75,21 +75,21 @@ class SampleBuffer:
         samples = ImuSamples(samples.stamps_ns - self._offset_ns, samples.gyro_rad_s, samples.accel_m_s2)
         ahead = samples.stamps_ns > frame_ns + round(SETTINGS.ahead_s * 1e9)
         self.counts["ahead"] += int(ahead.sum())
-        samples = samples[~ahead]
+        samples = _only(samples, ~ahead)
         self._forget_contradicted(samples)
         if self.last_ns is not None:
-            samples = samples[samples.stamps_ns > self.last_ns]
+            samples = _only(samples, samples.stamps_ns > self.last_ns)
         if not len(samples):
             return
         self.counts["samples"] += len(samples)
-        taken = samples[~_stray(samples.stamps_ns)]
+        taken = _only(samples, ~_stray(samples.stamps_ns))
         ascends = np.ones(len(taken), bool)
         ascends[1:] = taken.stamps_ns[1:] > np.maximum.accumulate(taken.stamps_ns)[:-1]
         self.counts["backwards"] += len(samples) - int(ascends.sum())
-        samples = taken[ascends]
-        samples = samples[self._finite(samples)]
+        samples = _only(taken, ascends)
+        samples = _only(samples, self._finite(samples))
         self._unasked += len(samples)
-        self._keep(samples[self._measured(samples)])
+        self._keep(_only(samples, self._measured(samples)))
         if self._unasked >= SETTINGS.unit_samples:
             self._unasked, self._problem = 0, self._unit_problem()
 
@@ -250,6 +250,11 @@ class SampleBuffer:
         complete = bool(at[0] <= first and at[-1] >= last)
         dense = not (missing_s[gaps] > SETTINGS.dense_s).any()
         return Samples(seconds, gyro, accel, widened, complete, dense, "; ".join(notes))
+
+
+def _only(samples: ImuSamples, wanted: NDArray[np.bool_]) -> ImuSamples:
+    """Return the wanted (n,) samples: these themselves if all are."""
+    return samples if wanted.all() else samples[wanted]
 
 
 def _stray(stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -49,7 +49,6 @@ class DriverSamples:
             del self._waiting[: -SETTINGS.waiting]
 
     def so_far(self) -> ImuSamples:
-        """Return all waiting samples."""
         return _samples_of(self._waiting.copy())
 
     def take_until(self, stamp_ns: int) -> ImuSamples | None:

@@ -41,7 +41,6 @@ class Check(Protocol):
 
 
 def checks(rules: Rules) -> tuple[Check, ...]:
-    """Return all checks."""
     return Ghosts(rules.of(GhostRules)), OneImage(rules.of(ImageRules)), Interlaced()
 
 

@@ -1,7 +1,10 @@
 """Whether an image is torn: some of its rows are those of the previous frame, because it was read while being written.
 
-Pixels on slopes are compared. Noise and any motion change them, so that exactly equal ones are a copy.
+Pixels on slopes are compared. Noise and any motion change them, so that exactly equal ones are a copy. Rows that were
+equal in the frame before, too, show what never moves: a picture over the image, or a vehicle's own body without noise.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,25 +17,50 @@ _LEAST = 2  # bands that are copied, and bands that are not
 _COPIED, _NEW = 0.98, 0.5  # shares of equal pixels: at least, and at most
 
 
-def torn(images: PreparedImages, previous: PreparedImages | None, slope_grey: int) -> str:
-    """Return a note if the upper or lower rows of an image are those of the previous frame; otherwise an empty string.
+class Copied(NamedTuple):
+    """How many bands of rows of each image are those of the frame before: positive from above, negative from below."""
+
+    left: int
+    right: int
+
+
+def copied(images: PreparedImages, previous: PreparedImages | None, slope_grey: int) -> Copied | None:
+    """Return which rows are those of the previous frame; None if there is none, or if an image is the same altogether.
 
     `slope_grey`: least difference of grey values two pixels apart on a slope.
     """
     if previous is None:
+        return None
+    left = _bands(images.left, previous.left, slope_grey)
+    right = _bands(images.right, previous.right, slope_grey)
+    return None if left is None or right is None else Copied(left, right)
+
+
+def torn(now: Copied | None, before: Copied | None) -> str:
+    """Return a note if an image has copied rows, which were not copied in the frame `before`; or an empty string."""
+    if now is None or before is None:
         return ""
-    for name, image, before in (("left", images.left, previous.left), ("right", images.right, previous.right)):
-        if image.shape == before.shape and _ends_alike(image, before):
-            shares = _equal(image, before, slope_grey)
-            for part, from_end in (("upper", shares), ("lower", shares[::-1])):
-                copied = int((np.append(from_end, 0.0) < _COPIED).argmax())
-                new = from_end[copied + 1 :]  # the tear is within the band before
-                if copied >= _LEAST and len(new) >= _LEAST and (new < _NEW).all():
-                    return (
-                        f"the {part} part of the {name} image is that of the previous frame: was it read while it was "
-                        "written?"
-                    )
+    for name, bands, bands_before in zip(("left", "right"), now, before, strict=True):
+        if bands and bands * bands_before <= 0:
+            part = "upper" if bands > 0 else "lower"
+            rows = f"the {part} part of the {name} image is that of the previous frame"
+            return f"{rows}: was it read while it was written?"
     return ""
+
+
+def _bands(image: Image, before: Image, slope_grey: int) -> int | None:
+    """Return the number of bands that were copied, or None if all were."""
+    if image.shape != before.shape or not _ends_alike(image, before):
+        return 0
+    shares = _equal(image, before, slope_grey)
+    if (shares >= _COPIED).all():
+        return None
+    for sign, from_end in ((1, shares), (-1, shares[::-1])):
+        n = int((from_end < _COPIED).argmax())
+        new = from_end[n + 1 :]  # the tear is within the band before
+        if n >= _LEAST and len(new) >= _LEAST and (new < _NEW).all():
+            return sign * n
+    return 0
 
 
 def _ends_alike(image: Image, before: Image) -> bool:

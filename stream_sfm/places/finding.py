@@ -76,7 +76,6 @@ class Words:
             self._bags[number] = self._bag(descriptors)
 
     def forget(self, number: int) -> None:
-        """Forget a keyframe."""
         self._descriptors.pop(number, None)
         self._bags.pop(number, None)
 

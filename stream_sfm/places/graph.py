@@ -92,7 +92,6 @@ class PoseGraph:
         return self.poses[self._row(number)]
 
     def segment(self, number: int) -> int:
-        """Return the segment of one node."""
         return int(self.segments[self._row(number)])
 
     def home(self, number: int) -> int:

@@ -92,7 +92,6 @@ def over_image(title: str, values: Array, std: Array, unit: str) -> Markup:
 
 
 def _compared(runs: Sequence[RigRun]) -> Table:
-    """Return the figures of each run."""
     names = [name for name, _ in runs[0].figures]
     rows = [(Name(run.title), [(value, "") for _, value in run.figures]) for run in runs]
     return Table([(name, "") for name in names], rows)

@@ -77,7 +77,6 @@ class RosMessages:
 
     @property
     def last(self) -> FrameEstimate | None:
-        """The estimate that was given last."""
         return None if self._odometry is None else self._odometry.estimate
 
     def end(self) -> Stamped:

@@ -36,7 +36,6 @@ def _described(of: type) -> list[Field[Any]]:
 
 
 def _line(of: Field[Any], prefix: str = "") -> str:
-    """Return a field and its explanation."""
     description, kind = about(of), _NUMBERS.get(plain_type(of), "string")
     if description.shape is not None:
         size = math.prod(description.shape) if all(isinstance(n, int) and n > 0 for n in description.shape) else ""

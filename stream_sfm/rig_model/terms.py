@@ -94,7 +94,6 @@ TERMS = tuple(term for group in GROUPS for term in group.terms)
 
 
 def at(terms: tuple[str, ...]) -> slice:
-    """Return the slice of consecutive terms."""
     return slice(TERMS.index(terms[0]), TERMS.index(terms[-1]) + 1)
 
 

@@ -280,7 +280,6 @@ class _Counter:
         self._on_frame = on_frame
 
     def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
-        """Count one frame."""
         self._on_frame()
 
 

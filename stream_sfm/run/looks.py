@@ -49,7 +49,6 @@ class Look:
 
     @property
     def unit(self) -> InertialEstimate | None:
-        """The latest estimate of the inertial unit."""
         return self.record.unit
 
     @property

@@ -104,7 +104,6 @@ def _nees_rig(solution: Solution, error: Array) -> float:
 def condition(
     scene: Scene, wrong_rig: bool, frames: tuple[int, ...] = (10, 15, 20, 25, 30), share: float = 1.0
 ) -> Condition:
-    """Return a condition of this study."""
     trial = partial(measure, scene=scene, wrong_rig=wrong_rig, frames=frames)
     return Condition(trial, share, scene=scene, frames=frames)
 

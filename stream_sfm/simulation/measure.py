@@ -30,7 +30,6 @@ class Method:
     key: str = ""  # empty: the name
 
     def make(self, sequence: Sequence) -> Estimator:
-        """Make the estimator for a sequence."""
         window = msgspec.structs.replace(Config().window, frames=self.frames)
         config = msgspec.structs.replace(Config(), window=window)
         return make_estimator(self.name, sequence.projection, config)

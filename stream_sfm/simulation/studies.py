@@ -65,7 +65,6 @@ def stacked(trials: list[Measured]) -> Measured:
 
 
 def trials_of(data: Measured) -> int:
-    """Return the number of measured trials."""
     return len(next(iter(next(iter(data.values())).values())))
 
 
@@ -89,7 +88,6 @@ class Study:
     report: Callable[[dict[str, Measured]], Report]
 
     def total_trials(self, trials: int) -> int:
-        """Return the total number of trials."""
         return sum(job.trials(trials) for job in self.jobs().values())
 
     def run(self, trials: int, seed: int, pool: Pool = nullcontext, progress: Progress | None = None) -> Outcome:

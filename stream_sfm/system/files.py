@@ -38,7 +38,6 @@ class PartFile:
             self._file: IO[bytes] = _create(self.part_path)
 
     def write(self, data: bytes) -> int:
-        """Append bytes."""
         with self._or_fail():
             return self._file.write(data)
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Array
+from ..geometry.linear import Cholesky
 from ..inertial.state import GRAVITY
 from ..inertial.upright import BODY_FROM_CAMERA_AXES, Upright
 from ..record import About, Kind
@@ -128,7 +129,7 @@ class CommonErrors:
     def weights(self, n: int) -> Array:
         """Return W (m, n), the regression of c on its first n: c is W c[:n] plus an independent remainder."""
         known = self.cov[:n, :n] + 1e-9 * np.eye(n)  # invertible, even if an error is known exactly
-        return np.concatenate([np.eye(n), np.linalg.solve(known, self.cov[:n, n:]).T])
+        return np.concatenate([np.eye(n), Cholesky(known).solve(self.cov[:n, n:]).T])
 
     def __repr__(self) -> str:
         return f"<CommonErrors {len(self.mean)} terms>"

@@ -55,7 +55,6 @@ class Ambiguity:
     covariance `cov_other` (6, 6), of the perturbation on the right of its inverse; or None. `lasted`: the number of
     earlier frames in which the tracked points may have been on a moving body. `misfit`: the images do not fit each
     other or the calibration; the note of the observations says why. `of_start`: this is so since the map began.
-    `repeats`: the scene looks the same by both motions, so that no view shows which it was.
     """
 
     other_from_previous: Array | None = None
@@ -63,7 +62,6 @@ class Ambiguity:
     misfit: bool = False
     lasted: int = 0
     of_start: bool = False
-    repeats: bool = False
 
     def __repr__(self) -> str:
         return f"<Ambiguity: {'' if self.other_from_previous is None else 'two motions '}{'misfit' * self.misfit}>"

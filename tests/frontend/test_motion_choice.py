@@ -1,4 +1,4 @@
-"""All far points agree with the motion of a body in front of the camera, but the few points in between do not."""
+"""Whose motion it is: far points agree with a body's, few in between do not, and tracks with a history remember."""
 
 from types import SimpleNamespace
 from typing import Any, cast
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
+from stream_sfm.frontend.rules import MotionRules
 from stream_sfm.frontend.second_motions.ambiguity import AmbiguityMemory
 from stream_sfm.frontend.second_motions.motion_choice import choose
 from stream_sfm.frontend.second_motions.start_check import StartCheck
@@ -142,6 +143,43 @@ def test_after_the_start_history_decides() -> None:
     found, _ = seen(0, 0.08)
     motion = resect(found.point_views, TURNS, find_second=False)
     assert chosen(found, motion, StartCheck(gone=True)) is motion
+
+
+def chosen_after_start(
+    found: Seen, motion: Resection, new: np.ndarray, predicted: np.ndarray, std_m: float
+) -> Resection:
+    """The choice where all but `new` tracks (n,) have a full history, and samples predict the motion to `std_m`."""
+    agreed = np.where(new, 0, MotionRules().full_history)
+    found = changed(found, before=changed(found.before, agreed=agreed))
+    nothing = cast(Any, None)
+    cov = np.diag(np.repeat([std_m, 0.1 * std_m], 3) ** 2)
+    samples: Any = SimpleNamespace(previous_from_cam=se3.inverse(predicted), cov=cov, agreed=True, carried=False)
+    step = Step(Setup(P, Config()), nothing, nothing, 0.05, predicted, True, samples)
+    state: Any = SimpleNamespace(start=StartCheck(gone=True), unsteadiness=None, ambiguity=AmbiguityMemory())
+    return choose(step, state, found, motion)
+
+
+def test_tracks_with_a_history_and_samples_tell_a_body_that_comes_into_view() -> None:
+    misled = 0
+    for seed in range(12):
+        found, of = seen(seed, 0.03)
+        motion = resect(found.point_views, TURNS)
+        if motion.accepted[of == 2].all() and motion.second is None:
+            misled += 1
+            now = chosen_after_start(found, motion, of == 2, TURNS, 0.002)
+            assert now.accepted[of != 2].mean() > 0.9
+            assert np.linalg.norm(se3.log(now.cam_from_ref @ se3.inverse(TURNS))[:3]) < 0.006
+            assert now.second is not None and now.second.views[of == 2].mean() > 0.5 and now.ambiguous is None
+    assert misled > 3  # otherwise nothing is tested
+
+
+def test_tracks_with_a_history_refute_a_wrong_prediction() -> None:
+    for seed in range(6):
+        found, of = seen(seed, 0.0)
+        motion = resect(found.point_views, TURNS)
+        for moves_m in (0.05, 0.3):
+            predicted = se3.exp([moves_m, 0, 0, 0, 0, 0]) @ TURNS
+            assert chosen_after_start(found, motion, of < 0, predicted, 0.002) is motion
 
 
 def two_sets(seed: int, moves_m: float) -> tuple[Seen, np.ndarray, Resection]:

@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.point_views import PointViews
-from stream_sfm.geometry.resection import Resection, combined, refine, resect
+from stream_sfm.geometry.resection import Resection, combined, judged, refine, resect
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.estimators import nees
 
@@ -65,6 +65,19 @@ def test_two_motions_are_combined_as_their_covariances_say() -> None:
     low, high = chi2.ppf([5e-4, 1 - 5e-4], 6 * trials) / trials
     assert low * 0.95 < np.mean(squares) < high * 1.05
     assert np.mean(shrunk) < 0.8  # so that both matter
+
+
+def test_a_motion_of_some_views_is_judged_by_all() -> None:
+    truth, views, bad = problem(5, 80, outliers=0.2)
+    every, some = PointViews(P, *views), np.arange(80) % 2 == 0
+    weights = np.random.default_rng(5).uniform(1, 2, 80)
+    found = resect(every.select(some), truth)
+    of_all = judged(found, every, weights)
+    assert (of_all.cam_from_ref == found.cam_from_ref).all()
+    assert (of_all.accepted[some] == found.accepted).all()
+    assert not (of_all.accepted & bad).any() and of_all.accepted[~bad].mean() > 0.9
+    assert np.isclose(of_all.share, weights[of_all.accepted].sum() / weights.sum(), rtol=1e-12)
+    assert of_all.dof == 4 * np.count_nonzero(of_all.accepted)
 
 
 def test_shared_errors_are_columns_of_one_least_squares_problem() -> None:

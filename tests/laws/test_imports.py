@@ -1,4 +1,4 @@
-"""Imports go one way, and each heavy package stays in its room (docs/architecture.md)."""
+"""Imports go one way, heavy packages stay in their rooms (docs/architecture.md), and files and functions are short."""
 
 import ast
 import re
@@ -133,3 +133,15 @@ def test_the_map_of_the_package_has_every_room_in_its_layer():
 def test_every_file_begins_by_saying_what_it_is():
     for path in FILES:
         assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path
+
+
+def test_files_and_functions_are_short():
+    """But for commands, whose docstrings are the help of their options."""
+    for path in sorted(path for suffix in ("py", "cpp", "hpp") for path in ROOT.rglob(f"*.{suffix}")):
+        text = path.read_text(encoding="utf-8")
+        assert text.count("\n") <= 400, f"{path} has more than 400 lines: split it where the idea splits"
+        if path.suffix == ".py" and room(path) != "cli":
+            for node in ast.walk(ast.parse(text)):
+                if isinstance(node, ast.FunctionDef):
+                    lines = node.end_lineno - node.lineno + 1
+                    assert lines <= 50, f"{node.name} in {path} has {lines} lines"

@@ -34,7 +34,7 @@ def test_a_replay_writes_its_files_and_nothing_else(replayed):
     assert {p.name for p in replayed.out_dir.iterdir()} == FILES
     summary = json.loads((replayed.out_dir / "summary.json").read_text())
     assert summary == json.loads(json.dumps(replayed.summary))
-    assert summary["frames"] == dict(read=12, paired=12, estimated=12, degraded=0, lost=0, backwards=0, dropped=0)
+    assert summary["frames"] == dict(read=12, paired=12, estimated=12, degraded=0, lost=0, dropped=0)
     assert summary["complete"] and summary["warnings"] == summary["problems"] == replayed.problems == []
     assert read_config(replayed.out_dir / "config.toml") == sfm.Config()
 

@@ -241,17 +241,11 @@ class CrossFrame(TakesSamples):
         z_px, cov_px = CorrectedViews(corrected_px[rows]), observations.cov_px[rows]
         seen = PointViews(self.projection, points, cov, z_px, cov_px, robust, unknown_px)
         found = initial_motion(seen, observations, start, weights)
-        if found is None and self.inertia.now is not None:  # samples show whether the motion found is the camera's
-            found = initial_motion(seen, observations, start, weights, searches=True)
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
         if unknown_px is not None:
             of = views, rows, seen, weights, found
-            current, self._sizes, views, weighed = weigh_unknowns(current, self._sizes, *of)
-            # views that are not among these may belong to the second motion, too
-            repeats = observations.ambiguity is not None and observations.ambiguity.repeats
-            explained = weighed.share * len(rows) >= robust.calm_share * (len(views) - observations.n_new)
-            found = weighed if explained and not repeats else changed(weighed, second=found.second)
+            current, self._sizes, views, found = weigh_unknowns(current, self._sizes, *of)
         return current, found, views.ids[rows[~found.accepted]], views, corrected_px
 
     def _with_marginals(

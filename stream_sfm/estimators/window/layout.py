@@ -16,7 +16,6 @@ class Layout(dict[str, slice]):
         return slice(self[first].start, self[last].stop)
 
     def within(self, block: str, part: slice) -> slice:
-        """Return the slice of a part of a block."""
         start: int = self[block].start
         return slice(start + part.start, start + part.stop)
 

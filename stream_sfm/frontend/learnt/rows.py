@@ -76,7 +76,6 @@ class Rows:
 
     @classmethod
     def unknown(cls, projection: StereoProjection, config: Config) -> "Rows":
-        """Return the prior."""
         rules = config.rules.of(RowRules)
         std_delay_s = 1e-9 if config.rig.exact else config.rig.std_delay_s
         n_field = field_over(projection.width, projection.height).size

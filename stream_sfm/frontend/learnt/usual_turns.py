@@ -1,6 +1,7 @@
 """The usual turns of the right camera in a run: real rigs vibrate, or are not quite synchronous."""
 
 import math
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -99,7 +100,7 @@ class UsualTurns:
         guess = np.eye(3) * rules.first_guess_rad**2
         return cls(rules, guess, guess, rules.guess_frames, Sizes(), np.zeros(2))
 
-    @property
+    @cached_property
     def root(self) -> Array:
         """A root (3, 3) of the covariance of turns of the present size."""
         return self.sizes.probable * np.asarray(np.linalg.cholesky(self.real), np.float64)

@@ -79,11 +79,11 @@ class MonoFrontEnd:
             state, observed = self._with_right_sides(state, observed, followed)
         state = self._add_points(state, images)
         n = len(state.tracks)
-        min_inliers = self.setup.rules.of(RobustRules).min_inliers
-        note = image_note(images, state.previous, n, n, min_inliers, self.setup.rules.of(ImageRules))
+        enough, rules = self.setup.rules.of(RobustRules).min_inliers, self.setup.rules.of(ImageRules)
+        note = image_note(images, state.previous, state.copied, n, n, enough, rules)
         note = note or ("" if state.map.mapped else state.map.waiting)
         state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
-        return state.followed_from(images, stamp_ns), replace(observed, note=note)
+        return state.followed_from(images, stamp_ns, rules), replace(observed, note=note)
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """Return the state unchanged: one camera has no rig errors to learn."""

@@ -31,7 +31,6 @@ class AmbiguityMemory:
 
     @classmethod
     def none(cls, rules: MotionRules) -> "AmbiguityMemory":
-        """Return the memory without an ambiguity."""
         return cls(confirmation=Confirmation.sought(rules))
 
     @property

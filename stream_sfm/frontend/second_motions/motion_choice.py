@@ -17,6 +17,7 @@ from ...geometry.resection import (
     Resection,
     SecondMotion,
     combined,
+    judged,
     refine,
     resect,
     residuals_of,
@@ -32,7 +33,7 @@ from .depth_order import StartRules, depth_order, is_behind, is_deeper
 
 def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Resection:
     """Return the motion that is probably the scene's, with the other one as its second motion."""
-    motion = _sampled(step, seen, _as_one(step, seen, found))
+    motion = _expected(step, state, seen, _as_one(step, seen, found))
     if not state.start.is_over and motion.ok:
         at_rest = residuals_of(seen.point_views, np.eye(4)) < seen.point_views.gate
         if np.count_nonzero(motion.accepted & at_rest) < np.count_nonzero(motion.accepted & ~at_rest):
@@ -117,10 +118,7 @@ def _uncovered(step: Step, seen: Seen, motion: Resection, second: SecondMotion) 
     """
     only_second, followed = seen.before.keep(second.views), seen.before.keep(motion.accepted)
     if is_deeper(step.setup, only_second, followed):
-        # the motion of these views alone: the one found may be a compromise with near points
-        alone = resect(seen.point_views.select(second.views), second.cam_from_ref, find_second=False)
-        known = alone if alone.ok else second
-        return SecondMotion(known.cam_from_ref, known.cov_pose, second.views, 1.0, _history(followed))
+        return changed(second, odds=1.0, lasted=_history(followed))
     lasted = _history(only_second)
     if lasted < step.setup.rules.of(MotionRules).full_history or not is_deeper(step.setup, followed, only_second):
         return second
@@ -140,16 +138,53 @@ def _by_samples(step: Step, motion: Resection, other: Resection) -> float:
     """
     if step.by_inertia is None:
         return 0.0
-    apart = step.distance2(other) - step.distance2(motion)
+    apart = step.distance2(other, step.by_inertia.cov) - step.distance2(motion, step.by_inertia.cov)
     return 0.5 * apart if abs(apart) > step.setup.rules.of(MotionRules).inertial_apart else 0.0
 
 
-def _sampled(step: Step, seen: Seen, motion: Resection) -> Resection:
-    """Return the motion that samples predict in place of one that they do not allow, if enough views agree with it."""
-    if not motion.ok or step.may_be(motion):
-        return motion
-    near = refine(seen.point_views, seen.weights, step.predicted, motion.amplitudes)
-    return changed(near, second=None) if near.ok and step.is_sampled(near) else motion
+def _expected(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Resection:
+    """Return the motion near the predicted one in place of one far from it, if that is more probable, eq. (23e).
+
+    A body that comes into view has its own motion, and far points agree with it, or with one in between, within their
+    noise. If this were the camera's, the camera would have jumped, and the tracks with a history would agree as well.
+    The motion found then becomes the second motion.
+    """
+    cov = step.cov_predicted(state.unsteadiness)
+    distance2 = step.distance2(found, cov)
+    if not found.ok or distance2 < step.setup.rules.of(MotionRules).expected_near:
+        return found
+    views, fewest, old = seen.point_views, seen.point_views.settings.second_views, _with_history(step, seen)
+    near = _of_old(step, seen, old, cov)
+    if not near.ok or np.count_nonzero(near.accepted & old) < fewest:
+        return found
+    fit = log_odds(near, found, old, views.clear_gate)
+    change = 0.5 * (distance2 - step.distance2(near, cov))
+    if fit + change < float(np.log(found.ambiguous_share)):
+        return found
+    only_found = found.accepted & (near.squared_residuals > views.clear_gate)
+    if np.count_nonzero(only_found) < fewest:  # few views distinguish the two
+        return changed(near, second=found.second) if fit > 0 else found
+    odds = float(np.exp(-fit if step.samples_agree else -fit - change))  # `_by_samples` counts what samples say
+    return changed(near, second=SecondMotion(found.cam_from_ref, found.cov_pose, only_found, odds))
+
+
+def _with_history(step: Step, seen: Seen) -> NDArray[np.bool_]:
+    """Return the tracks (n,) with a full history if they are many, or else all that have agreed."""
+    full = seen.before.agreed >= step.setup.rules.of(MotionRules).full_history
+    return full if np.count_nonzero(full) >= MANY_VIEWS else seen.before.agreed > 0
+
+
+def _of_old(step: Step, seen: Seen, old: NDArray[np.bool_], cov_predicted: Array) -> Resection:
+    """Return the motion of `old` tracks (n,) near the predicted one, or of all views if the tracks have none.
+
+    `cov_predicted` (6, 6): of the predicted motion.
+    """
+    views = seen.point_views
+    alone = resect(views.select(old), step.predicted, seen.weights[old], find_second=False)
+    # far tracks alone determine a motion poorly
+    if alone.ok and step.distance2(alone, cov_predicted) < step.setup.rules.of(MotionRules).expected_near:
+        return judged(combined(alone, step.predicted, cov_predicted), views, seen.weights)
+    return refine(views, seen.weights, step.predicted, np.zeros(views.shared.shape[2]))
 
 
 def _without(step: Step, seen: Seen, motion: Resection, apart: NDArray[np.bool_]) -> Resection:

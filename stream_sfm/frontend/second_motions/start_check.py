@@ -40,7 +40,6 @@ class StartCheck:
 
     @property
     def rules(self) -> MotionRules:
-        """The rules of its confirmation."""
         return self.confirmation.rules
 
     @property

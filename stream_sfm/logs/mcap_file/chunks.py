@@ -39,7 +39,6 @@ class Allowance:
         self._free_bytes -= excess
 
     def take_record(self) -> None:
-        """Count one record."""
         self._records_left -= 1
         if self._records_left < 0:
             self._free_records -= 1

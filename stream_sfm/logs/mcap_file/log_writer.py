@@ -30,7 +30,6 @@ class MessageWriter:
         self.writer.start(profile, f"stream_sfm {__version__}")
 
     def write(self, message: Message) -> None:
-        """Append one message."""
         channel, log_time_ns, data, publish_time_ns, sequence = message
         if channel not in self._channels:
             self._channels[channel] = self._register(channel)

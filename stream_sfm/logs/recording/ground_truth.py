@@ -84,7 +84,6 @@ def read_truth(
 
 
 def depth_topic(survey: Survey) -> str | None:
-    """Return the topic of depth images, or None."""
     images = survey.of_kind("image")
     return next((t for t in _DEPTH_TOPICS if images.get(t, 0) != 0), None)
 

@@ -126,7 +126,6 @@ def _has_repeated_parts(types: dict[str, Any]) -> bool:
 
 
 def _is_number(element: Nodetype, what: Any) -> bool:
-    """Whether the elements of a list are numbers."""
     return bool(element == Nodetype.BASE and what[0] != "string")
 
 

@@ -78,7 +78,6 @@ class Layout(NamedTuple):
         return all(isdir(folder / side) for side in self.sides)  # Path.is_dir raises OSError if a name is too long
 
     def fits(self, folder: Path) -> bool:
-        """Whether a folder has this layout."""
         return self.has_sides(folder) and any(exists(folder / name) for name in self.files)
 
 
@@ -93,7 +92,6 @@ def open_folder(folder: Path, given: Given) -> Source | None:
 
 
 def known_data_sets() -> list[str]:
-    """Return the names of the known data sets."""
     return list(
         dict.fromkeys(name for layout in LAYOUTS for name in (_FORM.sub("", layout.name), layout.also) if name)
     )
@@ -340,7 +338,6 @@ def _open_videos(folder: Path, given: Given) -> Source | None:
 
 
 def videos_in(folder: Path) -> list[Path]:
-    """Return the videos in a folder, by name."""
     return [folder / name for name in sorted(os.listdir(folder)) if name.lower().endswith(_VIDEO_SUFFIXES)]
 
 

@@ -101,7 +101,6 @@ def _as_json(channel: Channel, message: dict[str, Any], stamp_ns: int) -> Messag
 
 
 def raw_channel(topic: str) -> Channel:
-    """Return a channel of raw images."""
     return _channel(topic, "RawImage")
 
 

@@ -104,7 +104,6 @@ class Jitter:
     var_s2: float = 0.0
 
     def after(self, late_s: float, var_s2: float) -> "Jitter":
-        """Return the jitter after a frame."""
         most_s2 = self.rules.tells_jitter_s**2
         if not var_s2 < most_s2:
             return changed(self, late_s=None)

@@ -8,6 +8,7 @@ inertial rows only.
 
 from dataclasses import field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -66,6 +67,12 @@ class InertialWindow:
         """The intervals as arrays."""
         return Intervals.of(self.intervals, self.factors)
 
+    def _with(self, **fields: Any) -> "InertialWindow":
+        """Return the window with other values in some fields, none of which its `rows` depend on."""
+        result = changed(self, **fields)
+        vars(result).update(rows=self.rows)
+        return result
+
     @property
     def _local(self) -> Layout:
         """The layout of the unknowns of the window that no view depends on."""
@@ -99,15 +106,14 @@ class InertialWindow:
         about, weighted, *eliminated = core.inertial_information(
             self.rows, cams_from_ref, self.slides, self.std_slides, self.velocities, state, self.cam_from_imu
         )
-        return changed(self, eliminated=Eliminated(*eliminated)), (about, weighted)
+        return self._with(eliminated=Eliminated(*eliminated)), (about, weighted)
 
     def moved(self, dposes: Array, dstate: Array) -> "InertialWindow":
         """Move velocities and slides with steps of poses (F, 6) and state (17,); their own step is made only once."""
         of = self.eliminated
         step = of.cov @ of.right
         step = step + of.gain @ np.concatenate([dposes.ravel(), dstate])
-        return changed(
-            self,
+        return self._with(
             eliminated=changed(of, right=np.zeros(len(step))),
             slides=self.slides + step[self._local["slides"]].reshape(-1, 3),
             velocities=self.velocities + step[self._local["velocities"]].reshape(-1, 3),

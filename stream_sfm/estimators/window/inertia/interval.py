@@ -110,7 +110,6 @@ class Intervals(NamedTuple):
 
     @property
     def oldest(self) -> "Intervals":
-        """The oldest interval alone."""
         return Intervals(*(of_all[:1] for of_all in self))
 
     @classmethod

@@ -36,7 +36,6 @@ class Calm:
 
     @property
     def mean(self) -> float:
-        """The mean amount."""
         return self.weighted * self.var_mean
 
     @property

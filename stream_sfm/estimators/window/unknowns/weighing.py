@@ -2,7 +2,7 @@
 
 The right camera may turn more than usual, the twist may differ more than usual from the expected one, and the focal
 length may change. Each moves all views of the frame alike, must have its size before single views are gated, and must
-not be taken for another, nor for a second motion.
+not be taken for another.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ def weigh_unknowns(
 
     `sizes`: before the frame. `seen`: the `rows` of `views` from which the motion was `found`, with `weights` (n,) as
     in `resect`; the first errors that they share are those of `views.own`, of size 1. If an unknown is larger, or the
-    focal length changes, the motion is found again, and has no second one.
+    focal length changes, the motion is found again. Its second motion stays: these need not be its views.
     """
     of_twist = TWIST * current.exposures.has_twist
     own, lengths = views.own.shape[2], (views.own.shape[2] - of_twist, of_twist)
@@ -52,6 +52,6 @@ def weigh_unknowns(
     factors[-1] = current.focus.moves
     if (factors[:-1] != 1).any() or current.focus.moves:
         again = refine(seen.scaled(factors), weights, found.cam_from_ref, motion.amplitudes)
-        motion = again if again.ok else motion
+        motion = changed(again, second=found.second) if again.ok else motion
     current, views = with_focus(current, changed(views, own=views.own * factors[:own]), focal)
     return current, sizes, views, motion
