@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..record import record
-from .prepared import EVERY_COLUMN, Image, PreparedImages
+from .prepared import Image, PreparedImages, outer_columns
 from .view import View
 
 # Sound images, real and rendered, have at most 0.04; interlaced ones with motion have 0.04 to 6.
@@ -52,7 +52,7 @@ class Interlaced:
 
 def is_interlaced(image: Image) -> bool:
     """Return whether an image (h, w), as recorded, shows it; if nothing moves, it does not."""
-    return combed(image[:, ::EVERY_COLUMN]) > _COMBED
+    return combed(outer_columns(image)) > _COMBED
 
 
 def combed(image: Image) -> float:

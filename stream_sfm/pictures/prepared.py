@@ -14,7 +14,6 @@ from .rules import FlowRules
 
 Image = NDArray[np.uint8]
 GreyImage = NDArray[np.uint8] | NDArray[np.float32]
-EVERY_COLUMN = 4  # of those that are kept, enough to see combed rows
 _RULES = FlowRules()
 
 
@@ -31,7 +30,13 @@ class Delivered(NamedTuple):
         if left.shape != right.shape:
             return None
         rows = slice(every_row // 2, None, every_row)
-        return cls(left[rows].copy(), right[rows].copy(), left[:, ::EVERY_COLUMN].copy())
+        return cls(left[rows].copy(), right[rows].copy(), outer_columns(left))
+
+
+def outer_columns(image: Image) -> Image:
+    """Return every second column of the outer quarters, which a motion straight ahead moves most."""
+    quarter = image.shape[1] // 4
+    return np.concatenate([image[:, :quarter:2], image[:, -quarter::2]], axis=1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,5 +1,6 @@
 """Interlaced images, and no others, are reported by `inspect`, and no frame of them is ok for long."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -23,6 +24,18 @@ def woven(at_px: int, before_px: int, seed: int = 0, std_grey: float = 2.0, odd_
 @pytest.mark.parametrize("step_px", [1, 2, 5, 20])
 def test_rows_of_a_moving_camera_are_combed(step_px: int) -> None:
     assert all(is_interlaced(woven(step_px, 0, seed)) for seed in range(4))
+
+
+@pytest.mark.parametrize("zoom", [0.992, 1.008])
+def test_rows_of_a_camera_that_moves_straight_ahead_are_combed(zoom: float) -> None:
+    """Columns in the middle of the image hardly move."""
+    for seed in range(4):
+        wall = blotches(seed)
+        image = woven(0, 0, seed)
+        about = cv2.getRotationMatrix2D((100 + 199.5, 100 + 149.5), 0, zoom)
+        nearer = cv2.warpAffine(wall.astype(np.float32), about, wall.shape[::-1])[100:400, 100:500]
+        image[1::2] = np.rint(nearer[1::2]).clip(0, 255)
+        assert is_interlaced(image)
 
 
 @pytest.mark.parametrize("odd_grey", [0.0, 4.0])

@@ -225,7 +225,8 @@ class InertialWindow:
         expected square is small, a residual shows the noise of the images.
         """
         f = len(self.intervals)
-        if self.intervals[0].opened > 1 or not self.intervals[0].complete:
+        opened = self.intervals[0].opened
+        if self.intervals[0].is_open or not self.intervals[0].complete:
             return np.zeros((3, 4))
         oldest = self.rows.oldest
         residual, of_oldest, of_own_local = self._oldest_rows(self.leads(cams_from_ref)[1][0], oldest, state)
@@ -245,7 +246,7 @@ class InertialWindow:
         by_rig = by_variables @ system.by_rig + total[:, at["state"]] @ of_rig
         parts = (root, root), (by_rig @ system.cov_rig, by_rig), (local @ self.eliminated.cov, local)
         left = np.clip(1 - sum((a * b).sum(axis=1) for a, b in parts), 0.0, 1.0)
-        squares = np.concatenate([residual, self.slides[0] / std]) ** 2
+        squares = np.concatenate([opened * residual**2, (self.slides[0] / std) ** 2])  # by the variance not widened
         rows = np.stack([left * squares, left**2, squares, left], axis=1)
         return np.array([rows[k].sum(axis=0) for k in (slice(0, 3), slice(3, 9), slice(9, 12))])
 

@@ -24,6 +24,7 @@ _LEAST = np.repeat([1e-14, 1e-12, 1e-14], 3)
 # In an interval of few samples, errors of velocity and displacement are those of the same samples. This share of their
 # variances keeps their covariance definite, however large it is.
 _WITH_SHARE = np.ones((9, 9)) + 1e-9 * np.eye(9)
+_OPEN = 1e4  # factor on the variance of an interval that contradicts the images
 
 
 @record
@@ -89,7 +90,12 @@ class Interval:
 
     def open(self, distance2: float) -> "Interval":
         """Return the interval with nearly no information, where a motion is at this squared distance from it."""
-        return changed(self, opened=max(1e4, 1e2 * distance2))  # factor on its variance: a tenth of σ is left
+        return changed(self, opened=max(_OPEN, 1e2 * distance2))  # a tenth of σ is left
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it has nearly no information."""
+        return self.opened >= _OPEN
 
     def wider(self, factor: float) -> "Interval":
         """Return the interval with a variance that is larger by at least this factor."""
