@@ -84,9 +84,7 @@ def main() -> None:
             raise SystemExit(f"{args.log} has no ground truth to compare with")
         figures = sfm.evaluate(trajectory, truth)
         error_mm, nees = 1e3 * figures["ate_rmse_m"], figures["nees_pose_mean"]
-        print(
-            f"{name}: {len(trajectory)} frames, position error {error_mm:.2f} mm RMS, NEES {nees:.2f} (6 expected)"
-        )
+        print(f"{name}: {len(trajectory)} frames, position error {error_mm:.2f} mm RMS, NEES {nees:.2f} (6 expected)")
 
 
 if __name__ == "__main__":

@@ -52,9 +52,7 @@ class Filter:
         """Take the odometry's current estimate of the rig errors: poses that depend on them follow."""
         f, rig = self._filter, slice(6 + UNSEEN, None)
         mean, cov = motion.mean[UNSEEN:, None], motion.cov_common[UNSEEN:, UNSEEN:]
-        if (
-            motion.common_since != self._since
-        ):  # a camera was knocked: of the new errors the path so far says nothing
+        if motion.common_since != self._since:  # a camera was knocked: of the new errors the path so far says nothing
             self._since = motion.common_since
             f.P[rig, :] = f.P[:, rig] = 0
             f.P[rig, rig], f.x[rig] = cov, mean
@@ -85,9 +83,7 @@ class Filter:
         self.pose, self._filter.x[:6] = self.pose @ sfm.se3_exp(self._filter.x[:6, 0]), 0.0
 
 
-def fused(
-    run: sfm.RunResults, positions: dict[int, np.ndarray], std_m: float
-) -> tuple[int, np.ndarray, np.ndarray]:
+def fused(run: sfm.RunResults, positions: dict[int, np.ndarray], std_m: float) -> tuple[int, np.ndarray, np.ndarray]:
     """Return the index of the last frame, its pose (4, 4) and covariance (6, 6), translation first, in the first frame.
 
     `positions` (3,) in the first frame by the stamp of the frame, each with σ `std_m`.
@@ -120,9 +116,7 @@ def main(purpose: str, fused: Fused) -> None:
     """Print where the last frame is, by `fused`."""
     parser = argparse.ArgumentParser(description=purpose)
     parser.add_argument("folder", type=Path, help="a folder that `stream-sfm replay` has written")
-    parser.add_argument(
-        "--positions", type=Path, help="lines `seconds x y z` in the first frame, at stamps of frames"
-    )
+    parser.add_argument("--positions", type=Path, help="lines `seconds x y z` in the first frame, at stamps of frames")
     parser.add_argument("--std", type=float, default=0.02, help="their σ, metres")
     given = parser.parse_args()
     try:

@@ -29,9 +29,7 @@ def rig_of(motion: sfm.Motion) -> int:
     return int(gtsam.symbol("r", motion.common_since))
 
 
-def fused(
-    run: sfm.RunResults, positions: dict[int, np.ndarray], std_m: float
-) -> tuple[int, np.ndarray, np.ndarray]:
+def fused(run: sfm.RunResults, positions: dict[int, np.ndarray], std_m: float) -> tuple[int, np.ndarray, np.ndarray]:
     """Return the index of the last frame, its pose (4, 4) and covariance (6, 6), translation first, in the first frame.
 
     `positions` (3,) in the first frame by the stamp of the frame, each with σ `std_m`.

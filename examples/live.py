@@ -31,9 +31,7 @@ def run(args: argparse.Namespace) -> int:
     """Step the engine with each frame, show and store the estimates; return the number of frames."""
     with ExitStack() as stack:  # whatever ends the run, camera, viewer and files are closed
         is_log = Path(args.camera[0]).exists() and not args.camera[0].startswith("/dev/")
-        log = (
-            sfm.open_log(args.camera[0]) if is_log else sfm.open_camera(*args.camera, calibration=args.calibration)
-        )
+        log = sfm.open_log(args.camera[0]) if is_log else sfm.open_camera(*args.camera, calibration=args.calibration)
         stack.enter_context(closing(log))
         engine, odometry, count = sfm.Engine(log.rig), None, 0
         sinks: list[sfm.Sink] = []

@@ -51,9 +51,7 @@ def test_motions_with_a_gap_between_them_are_not_added_up() -> None:
     estimates = frames(30, lost=range(10, 14))
     first, second = sfm.Motion.of(estimates[9], 8), sfm.Motion.of(estimates[22], 8)
     assert first is not None and second is not None and ends([first, second]) == [(1, 9), (14, 22)]
-    with pytest.raises(
-        sfm.ConfigError, match=r"ends at frame 9, and the next one begins at frame 14: .* sfm\.chain"
-    ):
+    with pytest.raises(sfm.ConfigError, match=r"ends at frame 9, and the next one begins at frame 14: .* sfm\.chain"):
         first.then(second)
     over = sfm.Motion.of(estimates[14], 5)
     assert over is not None

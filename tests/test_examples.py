@@ -205,26 +205,18 @@ def test_mavlink_odometry() -> None:
     relative = RelativeMotions(np.array([0]), in_cam[None], cov[None])
     moved = replace(estimate(1), world_from_cam=in_cam, cov_pose=cov, relative=relative)
     fields = messages.fields(moved)
-    assert (
-        fields["time_usec"] == moved.stamp_ns // 1000 and fields["reset_counter"] == 0 and fields["quality"] == 100
-    )
+    assert fields["time_usec"] == moved.stamp_ns // 1000 and fields["reset_counter"] == 0 and fields["quality"] == 100
     position = np.array([fields[name] for name in "xyz"]) - (10, 20, -5)
     assert position == pytest.approx([0, 0.5, -0.1], abs=0.02)  # forwards is to the east, and up is −z
-    assert [fields[name] for name in ("vx", "vy", "vz")] == pytest.approx(
-        [5, 0, -1], abs=1e-6
-    )  # of the body, in 0.1 s
-    assert [fields[name] for name in ("rollspeed", "pitchspeed", "yawspeed")] == pytest.approx(
-        [0, 0, 0.5], abs=1e-6
-    )
+    assert [fields[name] for name in ("vx", "vy", "vz")] == pytest.approx([5, 0, -1], abs=1e-6)  # of the body, in 0.1 s
+    assert [fields[name] for name in ("rollspeed", "pitchspeed", "yawspeed")] == pytest.approx([0, 0, 0.5], abs=1e-6)
     yaw = 2 * np.arctan2(fields["q"][3], fields["q"][0])
     assert yaw == pytest.approx(np.pi / 2 + 0.05, abs=1e-6)
     rng, sample = np.random.default_rng(0), []
     for xi in rng.normal(size=(4000, 6)) * std / 10:  # a tenth, so that nothing bends
         other = east @ mounted @ in_cam @ sfm.se3_exp(xi) @ sfm.se3_inverse(mounted)
         true = east @ step
-        sample.append(
-            np.r_[other[:3, 3] - true[:3, 3], sfm.se3_log(with_rotation(other @ sfm.se3_inverse(true)))[3:]]
-        )
+        sample.append(np.r_[other[:3, 3] - true[:3, 3], sfm.se3_log(with_rotation(other @ sfm.se3_inverse(true)))[3:]])
     expected = 100 * np.cov(np.array(sample).T)[np.triu_indices(6)]
     stated, scale = np.array(fields["pose_covariance"]), np.sqrt(np.diag(100 * np.cov(np.array(sample).T)))
     tolerance = 5 * np.outer(scale, scale)[np.triu_indices(6)] * np.sqrt(2 / 4000)

@@ -108,9 +108,7 @@ def test_a_late_right_image_is_the_one_of_the_later_time(clean: Recording) -> No
 def test_focus_and_turns_change_the_true_rig_and_not_the_calibration(clean: Recording) -> None:
     clean = replace(clean, frames=100)
     rigs = {name: [fault.applied(clean).true_rig(i) for i in range(100)] for name, fault in FAULTS.items()}
-    focal = {
-        name: np.array([rig.right.K[0, 0] for rig in of]) / clean.rig.right.K[0, 0] for name, of in rigs.items()
-    }
+    focal = {name: np.array([rig.right.K[0, 0] for rig in of]) / clean.rig.right.K[0, 0] for name, of in rigs.items()}
     assert focal["autofocus2pct"][[0, 20, 40, 60, 99]] == pytest.approx([1, 1, 1.01, 1.02, 1.02], abs=1e-12)
     assert np.diff(focal["autofocus01"]) == pytest.approx(1e-4, abs=1e-12)
     calibrated = clean.rig.right_from_left

@@ -70,9 +70,7 @@ def test_structure_is_the_depth_of_the_scene_and_covariances_are_complete(room, 
     for stamp_ns, depth_m in room.depths():
         found = next((e for e in estimates[3:] if e.stamp_ns == stamp_ns), None)
         if found is not None:
-            metric = structure_errors(
-                room.rig.left, scale * found.points_in_cam, scale**2 * found.cov_points, depth_m
-            )
+            metric = structure_errors(room.rig.left, scale * found.points_in_cam, scale**2 * found.cov_points, depth_m)
             assert len(metric.errors_m) > 40
             assert np.median(np.abs(metric.errors_m)) < 0.04  # of 2 to 6 m
     for e in estimates[3:]:
@@ -93,8 +91,7 @@ def test_while_it_stands_still_or_turns_scale_is_not_observable() -> None:
     poses = [np.eye(4)] * 6 + [se3.exp([0, 0, 0, 0, 0.004 * n, 0.002 * n]) for n in range(6)]
     moving = poses[-1] @ camera_path(8)[1:]
     estimates = [
-        engine.step(sfm.MonoFrame(n * PERIOD_NS, wall.image(camera, pose)))
-        for n, pose in enumerate([*poses, *moving])
+        engine.step(sfm.MonoFrame(n * PERIOD_NS, wall.image(camera, pose))) for n, pose in enumerate([*poses, *moving])
     ]
     assert all(e.status == sfm.Status.INITIALISING for e in estimates[: len(poses)])
     assert all("too little parallax" in e.reason for e in estimates[1 : len(poses)])

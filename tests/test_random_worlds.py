@@ -137,9 +137,7 @@ def test_faults_of_one_recording_add_up_and_leave_scene_and_truth() -> None:
     assert focal(all_of_them.rig) == pytest.approx(of["focal"].calibrated_focal * focal(clean().rig), rel=1e-12)
     assert all_of_them.true_rig is not None
     true = all_of_them.true_rig(last)
-    assert focal(true) == pytest.approx(
-        of["zoom"].focus(last / clean().rate_hz, last) * focal(clean().rig), rel=1e-12
-    )
+    assert focal(true) == pytest.approx(of["zoom"].focus(last / clean().rate_hz, last) * focal(clean().rig), rel=1e-12)
     turn = true.right_from_left @ se3.inverse(clean().rig.right_from_left)
     assert 3e-4 < np.linalg.norm(se3.log(turn)[3:]) < 2e-3 and np.allclose(turn[:3, 3], 0, atol=1e-12)
     assert all(np.array_equal(all_of_them.pose(i), clean().pose(i)) for i in (1, last))
@@ -173,9 +171,7 @@ def test_exposures_step_and_stamps_are_wrong_as_stated() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(
-    ("path", "place"), [(path, place) for path in PATHS for place in dict.fromkeys(PATHS[path])]
-)
+@pytest.mark.parametrize(("path", "place"), [(path, place) for path in PATHS for place in dict.fromkeys(PATHS[path])])
 def test_paths_are_smooth_and_stay_in_the_place_away_from_who_passes(path: str, place: str, seed: int) -> None:
     rng, duration_s = np.random.default_rng(seed), 5.0
     site = SITES[place](rng, False)

@@ -77,9 +77,7 @@ def test_the_messages_are_those_of_the_engine() -> None:
         moving = said["/stream_sfm/odometry"]
         assert (moving.header.frame_id, moving.child_frame_id) == ("odom", "base_link")
         assert moving.header.stamp.sec * 10**9 + moving.header.stamp.nanosec == frame.stamp_ns
-        assert len(said["/stream_sfm/points"].data) // said["/stream_sfm/points"].point_step == len(
-            estimate.track_ids
-        )
+        assert len(said["/stream_sfm/points"].data) // said["/stream_sfm/points"].point_step == len(estimate.track_ids)
         if odometry.twist is None:
             assert moving.twist.covariance[0] == -1
         else:  # forward is x of the robot and z of the camera
@@ -132,9 +130,7 @@ def test_images_are_paired_as_those_of_a_log_and_late_ones_are_dropped_in_the_op
     taken = []
     while (frame := images.take(0.0)) is not None:
         taken.append(frame.stamp_ns // PERIOD_NS)
-    assert (
-        taken == [7, 8] and images.dropped == 6 and images.unpaired == 1
-    )  # the next frame decides about the last one
+    assert taken == [7, 8] and images.dropped == 6 and images.unpaired == 1  # the next frame decides about the last one
     images.put(0, image(grey, "mono8", 3 * PERIOD_NS))
     images.put(1, image(grey, "mono8", 3 * PERIOD_NS))
     assert images.take(0.0) is None  # its stamp does not ascend
@@ -175,9 +171,7 @@ def test_a_reset_starts_at_the_given_pose() -> None:
             assert (pose.position.x, pose.position.y, pose.position.z) == pytest.approx((3, -2, 0.5), abs=1e-9)
             assert (pose.orientation.z, pose.orientation.w) == pytest.approx((np.sin(0.4), np.cos(0.4)), abs=1e-9)
     node.reset()
-    assert said(frames[2], frames[2].stamp_ns)["/stream_sfm/pose"].pose.pose.position.x == pytest.approx(
-        0, abs=1e-9
-    )
+    assert said(frames[2], frames[2].stamp_ns)["/stream_sfm/pose"].pose.pose.position.x == pytest.approx(0, abs=1e-9)
 
 
 def test_the_rig_is_that_of_the_camera_infos() -> None:
@@ -230,9 +224,7 @@ def test_camera_infos_that_change_begin_a_new_map_at_the_last_pose() -> None:
 def test_what_knows_of_rclpy_is_short_and_declared() -> None:
     text = (PACKAGE / "stream_sfm_ros/node.py").read_text(encoding="utf-8")
     assert len(text.splitlines()) < 150
-    used = {
-        n.module.split(".")[0] for n in ast.walk(ast.parse(text)) if isinstance(n, ast.ImportFrom) and not n.level
-    }
+    used = {n.module.split(".")[0] for n in ast.walk(ast.parse(text)) if isinstance(n, ast.ImportFrom) and not n.level}
     used |= {a.name.split(".")[0] for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Import) for a in n.names}
     declared = {element.text for element in ET.parse(PACKAGE / "package.xml").getroot().iter("exec_depend")}
     assert used - {"stream_sfm"} - sys.stdlib_module_names <= declared
@@ -296,9 +288,7 @@ def over_ros(rclpy: Any, transport: str) -> None:
         return poses[-1].pose.pose.position
 
     try:
-        until(
-            lambda: all(p.get_subscription_count() for p in (*images, *calibrations)) and reset.service_is_ready()
-        )
+        until(lambda: all(p.get_subscription_count() for p in (*images, *calibrations)) and reset.service_is_ready())
         for publisher, info in zip(calibrations, infos(rig()), strict=True):
             publisher.publish(deserialize_message(cdr(info), CameraInfo))
         until(lambda: node.odometry.engine is not None)

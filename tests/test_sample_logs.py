@@ -38,9 +38,7 @@ def test_the_renderer_still_makes_this_scene():
     np.testing.assert_allclose(path, log.ground_truth().world_from_cam, atol=1e-9)
     stamp_ns, depth_m = list(log.depths())[3]
     i, left = next((i, frame.left) for i, frame in enumerate(log.frames()) if frame.stamp_ns == stamp_ns)
-    recording = render.Recording(
-        render.room_scene(texel_m=0.01), ours, 1, 1.0, lambda _: path[i], sensor=render.CLEAN
-    )
+    recording = render.Recording(render.room_scene(texel_m=0.01), ours, 1, 1.0, lambda _: path[i], sensor=render.CLEAN)
     shot = recording.shot(0, seed=0)
     known = np.isfinite(depth_m)
     assert known.mean() > 0.99  # no sky in a room

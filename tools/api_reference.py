@@ -48,9 +48,7 @@ def settings_in_words() -> Iterator[None]:
         if not issubclass(of.obj, msgspec.Struct):
             return documented(of)
         hints = get_type_hints(of.obj, include_extras=True)
-        return {
-            name: in_words(hint.__metadata__[0]) for name, hint in hints.items() if get_origin(hint) is Annotated
-        }
+        return {name: in_words(hint.__metadata__[0]) for name, hint in hints.items() if get_origin(hint) is Annotated}
 
     with (
         mock.patch("inspect.formatannotation", formatted),

@@ -73,8 +73,7 @@ def measure(log: Path, repeat: int, overrides: list[str]) -> dict[str, Any]:
         "step_p95_over_p50": median(r["step_ms"]["p95"] / r["step_ms"]["p50"] for r in replays),
         "last_third_over_first": median(r["last_third_over_first"] for r in replays),
         "peak_rss_mib": max(r["peak_rss_mib"] for r in replays),
-        "stages_ms": {"step": quickest["step_ms"], "decode (wait)": quickest["decode_wait_ms"]}
-        | quickest["stages_ms"],
+        "stages_ms": {"step": quickest["step_ms"], "decode (wait)": quickest["decode_wait_ms"]} | quickest["stages_ms"],
         "step_above_imports_mib": job("step", log, *overrides)["above_images_mib"],
         "calls_a_frame": job("calls", log, *overrides),
         "budget": job("budget", log, *overrides),
@@ -89,8 +88,7 @@ def scaling(log: Path) -> dict[str, dict[str, float]]:
     """CPU a frame against each of SCALING, the others at their defaults."""
     return {
         key: {
-            str(v): job("scaled" if key == "scale" else "replay", log, f"{key}={v}")["cpu_ms_per_frame"]
-            for v in values
+            str(v): job("scaled" if key == "scale" else "replay", log, f"{key}={v}")["cpu_ms_per_frame"] for v in values
         }
         for key, values in SCALING.items()
     }

@@ -188,9 +188,7 @@ def main() -> int:
     parser.add_argument("--update-baseline", action="store_true", help="bless these figures")
     parser.add_argument("--page", action="store_true", help="write docs/benchmarks.md from the baseline")
     parser.add_argument("--baseline", type=Path, default=BASELINE, metavar="FILE")
-    parser.add_argument(
-        "--workers", type=int, default=1, help="recordings at a time (1: cost is measured undisturbed)"
-    )
+    parser.add_argument("--workers", type=int, default=1, help="recordings at a time (1: cost is measured undisturbed)")
     parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument(
         "--ground-truth-std", type=float, nargs=2, metavar=("M", "RAD"), help="its σ; known for KITTI and EuRoC"

@@ -65,9 +65,7 @@ def page(baseline: dict[str, Any], peers: dict[str, Any]) -> str:
     parts = [_HEAD.format(version=baseline["version"], machine=baseline["machine"], release=last)]
     for suite, title in _SUITES.items():
         rows = {n.split("/", 1)[1]: f for n, f in baseline["sequences"].items() if n.startswith(f"{suite}/")}
-        before = {
-            n.split("/", 1)[1]: f for n, f in release.get("sequences", {}).items() if n.startswith(f"{suite}/")
-        }
+        before = {n.split("/", 1)[1]: f for n, f in release.get("sequences", {}).items() if n.startswith(f"{suite}/")}
         if rows:
             parts.append(f"## {title}\n\n{_table(rows, before, mean=suite != 'clips')}")
             parts += _others(rows, peers)

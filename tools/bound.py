@@ -77,9 +77,7 @@ def _whitened(
     return found[:, : 6 * n], found[:, 6 * n : -1], found[:, -1]
 
 
-def _without_point(
-    rows: tuple[Array, Array, Array], views: int, frames: list[int]
-) -> tuple[Array, Array, np.ndarray]:
+def _without_point(rows: tuple[Array, Array, Array], views: int, frames: list[int]) -> tuple[Array, Array, np.ndarray]:
     """Return information and right-hand side of the poses by the first views, without the point, and their places."""
     by_pose, by_point, errors = (part[: 4 * views] for part in rows)
     by_pose = by_pose[:, : 6 * views]

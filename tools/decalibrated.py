@@ -93,9 +93,7 @@ def poses_nees(estimates: list[FrameEstimate], world_from_cam: np.ndarray) -> np
     return np.einsum("ni,ni->n", errors, np.linalg.solve(covs, errors[..., None])[..., 0])
 
 
-def run(
-    path: Path, wrong: Callable[[StereoRig], StereoRig], config: Config, frames: int
-) -> tuple[float | None, ...]:
+def run(path: Path, wrong: Callable[[StereoRig], StereoRig], config: Config, frames: int) -> tuple[float | None, ...]:
     """First frame that is corrected, ATE and ATE after a similarity (mm) from frame `_LEARNT` on, mean NEES."""
     log = open_log(path)
     engine = Engine(wrong(log.stereo_rig), config)
@@ -121,9 +119,7 @@ def main() -> None:
     parser.add_argument("logs", nargs="+", type=Path)
     parser.add_argument("--frames", type=int, default=100)
     parser.add_argument("--kinds", nargs="+", choices=list(KINDS), default=list(KINDS))
-    parser.add_argument(
-        "--blind", action="store_true", help="also with rig.exact, as if the calibration were right"
-    )
+    parser.add_argument("--blind", action="store_true", help="also with rig.exact, as if the calibration were right")
     args = parser.parse_args()
     for path in args.logs:
         table = Table("calibration", "corrected from", "ATE, mm", "Sim", "NEES", "NEES blind", title=str(path))

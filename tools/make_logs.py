@@ -241,9 +241,7 @@ def _depth(stamp_ns: int, depth_m: np.ndarray) -> CompressedImage:
     units[~(units <= 65535)] = 0  # beyond the range of the format: no value
     ok, data = cv2.imencode(".png", units.astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 9])
     assert ok
-    return CompressedImage(
-        timestamp=_stamp(stamp_ns), frame_id=FRAME_IDS["left"], data=data.tobytes(), format="png"
-    )
+    return CompressedImage(timestamp=_stamp(stamp_ns), frame_id=FRAME_IDS["left"], data=data.tobytes(), format="png")
 
 
 def _pose(stamp_ns: int, world_from_cam: np.ndarray) -> PoseInFrame:
@@ -393,9 +391,7 @@ def main() -> None:
                         f"{', '.join(ALL_FAULTS)}; default: as the seed has it")  # fmt: skip
     parser.add_argument("--workers", type=int, default=2, help="processes that render")
     parser.add_argument("--width", type=int, default=640, help="pixels, of hard logs")
-    parser.add_argument(
-        "--seed", type=int, default=0, help="of textures, noise and paths; not 0: in the log's name"
-    )
+    parser.add_argument("--seed", type=int, default=0, help="of textures, noise and paths; not 0: in the log's name")
     parser.add_argument("--imu", choices=tuple(UNITS), help="give hard logs the samples of an inertial unit")
     parser.add_argument("--frames", type=int, help="frames of hard logs; default: as many as each has")
     arguments = parser.parse_args()

@@ -81,9 +81,7 @@ MOTIONS: dict[str, Callable[[np.random.Generator], Array]] = {
     "walking": partial(_path, np.array([0, 0, 1.2, 0, 0, 0]), np.array([0.04, 0.02, 0.03, 0.01, 0.06, 0.01]), 0.6),
     "hand-held": partial(_path, np.zeros(6), np.array([0.15, 0.1, 0.15, 0.08, 0.15, 0.05]), 1.5),
     "lateral": partial(_path, np.array([0.4, 0, 0, 0, 0, 0]), np.array([0.02, 0.02, 0.02, 0.01, 0.01, 0.01]), 1.0),
-    "turning": partial(
-        _path, np.array([0.1, 0, 0.2, 0, 0.5, 0]), np.array([0.03, 0.03, 0.03, 0.03, 0.15, 0.02]), 1.0
-    ),
+    "turning": partial(_path, np.array([0.1, 0, 0.2, 0, 0.5, 0]), np.array([0.03, 0.03, 0.03, 0.03, 0.15, 0.02]), 1.0),
 }
 
 
@@ -303,11 +301,7 @@ def _ratio_of(name: str, span: int, kind: int, group: list[str], of_group: list[
     """Return the mean ratio of a method over a span, with its interval; empty if no log has it."""
     logs = [
         np.array(
-            [
-                np.log(e[name, span][kind] / e[POSES, span][kind])
-                for m, e in of_group
-                if m == one and (name, span) in e
-            ]
+            [np.log(e[name, span][kind] / e[POSES, span][kind]) for m, e in of_group if m == one and (name, span) in e]
         )
         for one in group
     ]

@@ -70,9 +70,7 @@ class Start:
     @property
     def ratio(self) -> float | None:
         """ATE over that of the loop; None without ground truth."""
-        return (
-            None if self.loop_error_m is None or self.run.error_m is None else self.run.error_m / self.loop_error_m
-        )
+        return None if self.loop_error_m is None or self.run.error_m is None else self.run.error_m / self.loop_error_m
 
     def __str__(self) -> str:
         run, parts = self.run, [f"from {self.first:4d}" + f", every {self.stride}." * (self.stride > 1)]
@@ -217,9 +215,7 @@ def told(starts: Sequence[Start]) -> str:
     """The sums over the runs of a log, in a line."""
     runs = [s.run for s in starts]
     parts = [f"{len(runs)} runs", f"{sum(r.lost > 0 for r in runs)} with lost frames"]
-    parts.append(
-        f"degraded or lost {sum(r.degraded + r.lost for r in runs)} of {sum(r.frames for r in runs)} frames"
-    )
+    parts.append(f"degraded or lost {sum(r.degraded + r.lost for r in runs)} of {sum(r.frames for r in runs)} frames")
     if any(r.beyond_poses is not None for r in runs):
         poses, motions = (sum(getattr(r, f"beyond_{of}") or 0 for r in runs) for of in ("poses", "motions"))
         parts.append(f"beyond 5 σ {poses} poses, {motions} motions")

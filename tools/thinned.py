@@ -93,9 +93,7 @@ def _cell(logarithms: np.ndarray) -> str:
 def main() -> None:
     """Parse, run, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "logs", nargs="+", help="logs with ground truth; settings of one of them follow after commas"
-    )
+    parser.add_argument("logs", nargs="+", help="logs with ground truth; settings of one of them follow after commas")
     parser.add_argument("--draws", type=int, default=6)
     parser.add_argument("--out", type=Path, required=True, help="file for the figures of this run")
     parser.add_argument("--against", type=Path, help="file of another run, with which this one is compared")

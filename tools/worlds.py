@@ -260,9 +260,7 @@ def summary(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "stated_wrong_size": sum(s.there for s in wrong),
         "worse_than_loop": sum(o.run.ate_m > o.loop_ate_m for o in outcomes),
         "with_problems": sum(bool(r.problems) for r in all_runs),
-        "starts": told([start for o in outcomes for start in o.starts])
-        if any(o.starts for o in outcomes)
-        else None,
+        "starts": told([start for o in outcomes for start in o.starts]) if any(o.starts for o in outcomes) else None,
     }
 
 
@@ -303,9 +301,7 @@ def main() -> None:
     """Parse, run, print a line per world as it is done, then the sums."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="of the logs; those that are missing are rendered")
-    parser.add_argument(
-        "--seeds", nargs=2, type=int, default=[0, 40], metavar=("FIRST", "END"), help="END is not one"
-    )
+    parser.add_argument("--seeds", nargs=2, type=int, default=[0, 40], metavar=("FIRST", "END"), help="END is not one")
     parser.add_argument("--even", action="store_true", help="even seeds only")
     parser.add_argument("--odd", action="store_true", help="odd seeds only")
     parser.add_argument("--faults", nargs="+", metavar="NAME", help="as of make_logs")
@@ -329,9 +325,7 @@ def main() -> None:
             print(outcomes[-1], file=sys.stderr if arguments.json else sys.stdout, flush=True)
     outcomes.sort(key=lambda outcome: outcome.seed)
     sums = summary(outcomes)
-    print(
-        json.dumps({"summary": sums, "worlds": [_record(o) for o in outcomes]}) if arguments.json else _told(sums)
-    )
+    print(json.dumps({"summary": sums, "worlds": [_record(o) for o in outcomes]}) if arguments.json else _told(sums))
 
 
 def _record(outcome: Outcome) -> dict[str, Any]:

@@ -137,7 +137,5 @@ def truth_files(given: Path, names: Mapping[Path, str]) -> dict[Path, Path]:
     if not found:
         listed = ", ".join(path.name for path in files.values()) or "no .txt, .tum or .csv"
         wanted = next((f"{name}.txt" for name in names.values()), "LOG.txt")
-        raise ConfigError(
-            f"ground truth {given}: no file is named after a log, such as {wanted}; it holds {listed}"
-        )
+        raise ConfigError(f"ground truth {given}: no file is named after a log, such as {wanted}; it holds {listed}")
     return found

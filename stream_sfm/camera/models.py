@@ -64,9 +64,7 @@ class Camera:
         (fx, _, cx), (_, fy, cy) = self.K[:2]
         lens = self.distortion_model if any(self.D) else "no distortion"
         masked = "" if self.mask is None else f", {1 - self.mask.mean():.0%} masked"
-        return (
-            f"<Camera {self.width}×{self.height} f=({fx:.2f}, {fy:.2f}) c=({cx:.2f}, {cy:.2f}) px, {lens}{masked}>"
-        )
+        return f"<Camera {self.width}×{self.height} f=({fx:.2f}, {fy:.2f}) c=({cx:.2f}, {cy:.2f}) px, {lens}{masked}>"
 
 
 def _pixels(edge: object) -> int:

@@ -45,9 +45,7 @@ class Rectifier:
         cx = [(width - 1) / 2 - f * m[0] for m in middle]
         cy = (height - 1) / 2 - f * float(np.mean([m[1] for m in middle]))
         baseline = SETTINGS.virtual_baseline if isinstance(rig, MonoRig) else rig.baseline_m
-        self.projection = StereoProjection(
-            f, cx[0], cx[-1], cy, baseline, width, height, virtual_right=rig.unscaled
-        )
+        self.projection = StereoProjection(f, cx[0], cx[-1], cy, baseline, width, height, virtual_right=rig.unscaled)
         matrices = [np.array([[f, 0, x], [0, f, cy], [0, 0, 1]]) for x in cx]
         self._sides = list(zip(cameras, rotations, matrices, strict=True))
         lenses = [(c.width, c.height, c.K.tolist(), [float(d) for d in c.D], c.distortion_model) for c in cameras]

@@ -42,9 +42,7 @@ def kitti(
 
 
 @import_.command
-def euroc(
-    folder: DataSet, out: options.NewLog, /, *, force: options.Force = False, json: options.Json = False
-) -> None:
+def euroc(folder: DataSet, out: options.NewLog, /, *, force: options.Force = False, json: options.Json = False) -> None:
     """Convert one recording in the format of the EuRoC MAV data set.
 
     Args:

@@ -48,9 +48,7 @@ _EXIT_CODES = (
     "unreadable, unsuitable or only partly read; 130 interrupted, with all results so far written. "
     "With --debug, every command prints the traceback of an error as well."
 )
-_NO_MEMORY = (
-    "the system refuses the memory that is needed: allow this process more (ulimit -v), or use smaller images"
-)
+_NO_MEMORY = "the system refuses the memory that is needed: allow this process more (ulimit -v), or use smaller images"
 # Errors of a full or failing disk, an exceeded quota or a closed terminal: not defects of the program.
 _REFUSED_BY_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 

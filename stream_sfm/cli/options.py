@@ -118,9 +118,7 @@ MaybeSize = Annotated[
     tuple[int, int] | None,
     Parameter(group=CAMERAS, converter=each(_size), n_tokens=1, accepts_keys=False, metavar="WxH"),
 ]
-MaybePositive = Annotated[
-    float | None, Parameter(group=CAMERAS, converter=each(_positive), n_tokens=1, metavar="HZ")
-]
+MaybePositive = Annotated[float | None, Parameter(group=CAMERAS, converter=each(_positive), n_tokens=1, metavar="HZ")]
 MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, validator=_at_least(0), metavar="N")]
 Workers = Annotated[MaybeCount, Parameter(group=PARALLEL, help="number of processes; by default one per CPU core")]
 Folder = Annotated[str, Parameter(group=RESULTS, converter=_PLACE, metavar="DIR")]

@@ -170,9 +170,7 @@ class ImuConfig(Section, frozen=True, kw_only=True):
 
     enabled: Annotated[bool, Meta(description="use inertial samples if there are any")] = True
     # Kalibr achieves a tenth of that; drawings and tf of robots are within half a degree.
-    std_axes_rad: Annotated[float, expert("σ of the unit's rotation to the camera, per axis, rad", 1e-6, 0.5)] = (
-        0.01
-    )
+    std_axes_rad: Annotated[float, expert("σ of the unit's rotation to the camera, per axis, rad", 1e-6, 0.5)] = 0.01
     # Triggered cameras have stamps within a millisecond; others are stamped on arrival.
     std_time_offset_s: Annotated[float, expert("σ of the clock offset of unit and camera, s", 1e-6, 0.1)] = 0.005
     # With a larger σ, for most uses a new map would no longer be at the place of the old one.

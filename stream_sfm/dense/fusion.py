@@ -32,9 +32,7 @@ class Fusion:
         # memory until they are written to.
         self._sums = np.zeros((rules.max_voxels, _COLOUR.stop), np.float32)
 
-    def add(
-        self, found: DisparityMap, colours: NDArray[np.uint8], world_from_rect: Array, cov_position: Array
-    ) -> None:
+    def add(self, found: DisparityMap, colours: NDArray[np.uint8], world_from_rect: Array, cov_position: Array) -> None:
         """Add a frame with colours (h, w, 3), pose (4, 4) and covariance (3, 3), m², of its position, rectified."""
         p = self.projection
         depth = p.f_px * p.baseline_m / found.disparity_px.astype(float)

@@ -39,9 +39,7 @@ def make_estimator(name: str, projection: StereoProjection, config: Config) -> E
     check_method(name)
     method = METHODS[name]
     if method.frames is not None:
-        config = msgspec.structs.replace(
-            config, window=msgspec.structs.replace(config.window, frames=method.frames)
-        )
+        config = msgspec.structs.replace(config, window=msgspec.structs.replace(config.window, frames=method.frames))
     if not method.inertial:
         config = msgspec.structs.replace(config, imu=msgspec.structs.replace(config.imu, enabled=False))
     kind = getattr(import_module(f"{__name__}.{method.module}"), method.kind)

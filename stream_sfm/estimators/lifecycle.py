@@ -41,9 +41,7 @@ class LostError(Exception):
     """No motion was found for the frame; the message becomes the reason in the Solution."""
 
 
-def frame_status(
-    inliers: int, note: str, config: RobustRules, motion: Resection | None = None
-) -> tuple[Status, str]:
+def frame_status(inliers: int, note: str, config: RobustRules, motion: Resection | None = None) -> tuple[Status, str]:
     """Return status and reason of an estimated frame; `note` as in Observations, `motion`: its robust first motion."""
     reasons = []
     if motion is not None and motion.ambiguous is not None:

@@ -56,9 +56,7 @@ class MotionModel:
         """σ (6,) of the difference of two velocities of a vehicle, per second: what it gains while it accelerates."""
         return self._config.speeds_up_s * self._accelerations.assumed
 
-    def add(
-        self, stamp_ns: int, world_from_cam: Array, cov_pose: Array, unreliable: Unreliable = RELIABLE
-    ) -> Array:
+    def add(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array, unreliable: Unreliable = RELIABLE) -> Array:
         """Add the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
 
         A pose that may be wrong is used, and its covariance also covers the other possible pose, eq. (43a). If nothing

@@ -81,9 +81,7 @@ def checked_ranges(ranges: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     return [(first, end) for first, end in ranges]
 
 
-def without_frames(
-    truth: Trajectory, stamps_ns: NDArray[np.int64], ranges: Sequence[tuple[int, int]]
-) -> Trajectory:
+def without_frames(truth: Trajectory, stamps_ns: NDArray[np.int64], ranges: Sequence[tuple[int, int]]) -> Trajectory:
     """Return the truth with NaN in the frames of `ranges` [first, end), which count in `stamps_ns` from 0."""
     ignored = np.zeros(len(stamps_ns), bool)
     for first, end in ranges:

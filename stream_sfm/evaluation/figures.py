@@ -96,9 +96,7 @@ def unit_for(*lengths_m: ArrayLike) -> LengthUnit:
 def units_of(runs: Sequence[Mapping[str, Any]], figures: Sequence[Figure]) -> dict[str, LengthUnit]:
     """Return the unit of each family of lengths among the figures of some runs, the same wherever they are shown."""
     return {
-        family: unit_for(
-            [x for run in runs for f in figures if f.unit == family and (x := run.get(f.key)) is not None]
-        )
+        family: unit_for([x for run in runs for f in figures if f.unit == family and (x := run.get(f.key)) is not None])
         for family in (ERRORS, STRUCTURE)
     }
 

@@ -96,9 +96,7 @@ class RelativeRecord:
         return [m for m in found if m.common_since == found[-1].common_since], max(1.0, span / self._every)
 
 
-def against_truth(
-    record: RelativeRecord, truth: Trajectory, std_truth: tuple[float, float]
-) -> list[dict[str, Any]]:
+def against_truth(record: RelativeRecord, truth: Trajectory, std_truth: tuple[float, float]) -> list[dict[str, Any]]:
     """Return the factors over all spans with a truth at both ends; `std_truth`: its own σ in m and rad."""
     stamps_ns, indices = (np.array(x, np.int64) for x in (record.stamps_ns, record.frame_indices))
     rows, true = matched(Trajectory(stamps_ns, np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))), truth)

@@ -89,9 +89,7 @@ def _placed(
     """Return the tracks (n) in the new camera, on the rays of their views (n, 4) with covariances (n, 4, 4)."""
     projection, forgetting = step.setup.projection, step.setup.rules.of(MotionRules).forgetting
     if projection.virtual_right:
-        return update_by_parallax(
-            projection, tracks.moved(cam_from_previous), z_px, cov_px, cam_from_start, forgetting
-        )
+        return update_by_parallax(projection, tracks.moved(cam_from_previous), z_px, cov_px, cam_from_start, forgetting)
     return tracks.updated(projection, cam_from_previous, z_px, state.with_turn(z_px, cov_px), forgetting)
 
 

@@ -41,9 +41,7 @@ class AlignedViews:
         return RawViews(self.z_px.take(rows, axis=0) + self.taken_px.take(rows, axis=0))
 
 
-def align(
-    setup: Setup, state: FrontEndState, images: PreparedImages, rough: RoughMotion, twist: Array
-) -> AlignedViews:
+def align(setup: Setup, state: FrontEndState, images: PreparedImages, rough: RoughMotion, twist: Array) -> AlignedViews:
     """Find the tracks (n) in the new images, near where a rough motion puts them, and return the views of those found.
 
     `twist` (6,): the motion of the points in the camera, per second.

@@ -50,9 +50,7 @@ def track_wide(
     """Do the same as `track` for wide templates, in images at a quarter of the size with raised contrast."""
     radius_px = aligner.config.window_radius_px
     before, now = previous.quarter_flow, images.quarter_flow
-    at_px, found = _lucas_kanade(
-        rules, before, now, left_px / WIDE, predicted_px, WIDE, radius_px, rules.wide_levels
-    )
+    at_px, found = _lucas_kanade(rules, before, now, left_px / WIDE, predicted_px, WIDE, radius_px, rules.wide_levels)
     return at_px, found & core.inside_area(aligner.area, at_px)
 
 

@@ -264,9 +264,7 @@ class StereoFrontEnd:
         return found if not turn_rad.any() else with_turn(self.rig, found, turn_rad)
 
 
-def _seen(
-    state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array, rules: ImageRules
-) -> FrontEndState:
+def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array, rules: ImageRules) -> FrontEndState:
     """Return the state from which the next frame is followed, its image checks updated by all views (n, 4)."""
     pictures = state.pictures.after(images, state.tracks.ids[: len(z_px)], z_px[:, :2])
     return changed(state.followed_from(images, stamp_ns, rules), pictures=pictures)

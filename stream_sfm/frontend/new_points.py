@@ -78,9 +78,7 @@ def renews(frame_index: int, period: int) -> bool:
     return frame_index % period == 0
 
 
-def begin_points(
-    setup: Setup, state: FrontEndState, images: PreparedImages
-) -> tuple[FrontEndState, RawViews, Array]:
+def begin_points(setup: Setup, state: FrontEndState, images: PreparedImages) -> tuple[FrontEndState, RawViews, Array]:
     """Begin tracks where they are missing, and return their views (k, 4) and covariances (k, 4, 4)."""
     z_px, cov_px = np.empty((0, 4)), np.empty((0, 4, 4))
     cfg, rules = setup.config.frontend, setup.rules.of(PointRules)

@@ -41,9 +41,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
     one_body: Annotated[bool, expert("refuse motions between those of two bodies")] = True
     poor_frames: Annotated[bool, expert("give all views more noise if most of them fit badly")] = True
     # A jump of a moving body says nothing about the camera.
-    most_unsteady: Annotated[float, expert("cap on a squared change of motion, multiples of the mean", 1, 1e6)] = (
-        9.0
-    )
+    most_unsteady: Annotated[float, expert("cap on a squared change of motion, multiples of the mean", 1, 1e6)] = 9.0
     # Squared distances of six unknowns are 6 on average.
     expected_near: Annotated[float, expert("largest squared distance of a motion from the expected", 0, 1e6)] = 20.0
     # This corresponds to odds of 1800.

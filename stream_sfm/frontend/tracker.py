@@ -59,9 +59,7 @@ def follow(
     return advance(step, state, seen, motion, rough.alike)
 
 
-def _without_turned(
-    state: FrontEndState, seen: Seen, cam_from_previous: Array
-) -> tuple[FrontEndState, Seen | None]:
+def _without_turned(state: FrontEndState, seen: Seen, cam_from_previous: Array) -> tuple[FrontEndState, Seen | None]:
     """Return the state after a frame near a motion (4, 4), and its left sides if it shows an unusual turn.
 
     The motion is then sought from these until it is clear whether the right camera has turned.

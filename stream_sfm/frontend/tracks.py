@@ -137,9 +137,7 @@ class Tracks:
     def cov_points(self, projection: StereoProjection, drift_px: Array | None = None) -> Array:
         """Return covariances (n, 4, 4) of `points`: of ray and inverse depth, after a drift of σ (n,), eq. (33)."""
         drift_px = np.empty(0) if drift_px is None else drift_px
-        return core.track_covariances(
-            self.cov_left_px, self.var_rho, drift_px, projection.f_px, projection.baseline_m
-        )
+        return core.track_covariances(self.cov_left_px, self.var_rho, drift_px, projection.f_px, projection.baseline_m)
 
 
 _COLUMNS = attrgetter(*Tracks.__match_args__)

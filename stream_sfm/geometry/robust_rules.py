@@ -54,9 +54,7 @@ class RobustRules(Section, frozen=True, kw_only=True):
     # Few noisy views fix a motion only roughly, so the order of the samples is rough.
     refined: Annotated[int, expert("number of best samples that are refined with all views", 1, 1000)] = 12
     # The first gate takes in the neighbourhood of a rough motion, the second its own views.
-    first_refining_gates: Annotated[float, expert("first round: gates of views that refine a sample", 1, 1e6)] = (
-        16.0
-    )
+    first_refining_gates: Annotated[float, expert("first round: gates of views that refine a sample", 1, 1e6)] = 16.0
     refining_gates: Annotated[float, expert("second round: gates of views that refine a sample", 1, 1e6)] = 4.0
     refining_steps: Annotated[int, expert("Gauss-Newton steps of each round that refines a sample", 1, 100)] = 2
     # The extent decides if history does not, by a factor of 0.56 at least, as a background may show through a gap.

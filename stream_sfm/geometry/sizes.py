@@ -68,9 +68,7 @@ class Weighed(NamedTuple):
         return int(np.flatnonzero((self.rows == np.array(probable, np.intp)).all(axis=1))[0])
 
     def _log_prior(self, before: Sequence[Sizes]) -> Array:
-        return sum(
-            (s.log_prior[rows] for s, rows in zip(before, self.rows.T, strict=True)), np.zeros(len(self.log))
-        )
+        return sum((s.log_prior[rows] for s, rows in zip(before, self.rows.T, strict=True)), np.zeros(len(self.log)))
 
 
 def _probabilities(log: Array) -> Array:

@@ -141,9 +141,7 @@ class SampleBuffer:
         for values, most in zip((samples.gyro_rad_s, samples.accel_m_s2), self._ranges, strict=True):
             found |= (np.abs(values) >= most).any(axis=1)
             same = np.zeros(len(samples), bool)
-            same[1:] = ((values[1:] == values[:-1]) & (np.abs(values[1:]) > SETTINGS.least_range * most)).any(
-                axis=1
-            )
+            same[1:] = ((values[1:] == values[:-1]) & (np.abs(values[1:]) > SETTINGS.least_range * most)).any(axis=1)
             if np.count_nonzero(same) < SETTINGS.equal - 1:  # there hardly ever are any
                 continue
             runs = np.lib.stride_tricks.sliding_window_view(values, SETTINGS.equal, axis=0)  # (n − 4, 3, 5)

@@ -41,9 +41,7 @@ class DriverSamples:
                 "gyro_rad_s and accel_m_s2, three numbers each"
             )
         if not -INT64 <= stamp_ns < INT64:
-            raise FrameError(
-                f"the stamp of an inertial sample is {stamp_ns}: give nanoseconds that fit into 64 bits"
-            )
+            raise FrameError(f"the stamp of an inertial sample is {stamp_ns}: give nanoseconds that fit into 64 bits")
         with self._lock:
             self._waiting.append((int(stamp_ns), sample))
             del self._waiting[: -SETTINGS.waiting]

@@ -80,9 +80,7 @@ class ImuCalibration:
         except (TypeError, ValueError):
             pose = np.zeros(0)
         if pose.shape != (4, 4) or not np.isfinite(pose).all() or not se3.is_rotation(pose[:3, :3], se3.ROUNDED):
-            raise ConfigError(
-                "cam_from_imu of the inertial unit is not a 4×4 pose: give [[R, t], [0, 1]] in metres"
-            )
+            raise ConfigError("cam_from_imu of the inertial unit is not a 4×4 pose: give [[R, t], [0, 1]] in metres")
         object.__setattr__(self, "cam_from_imu", se3.orthonormalise(pose))
         for name in self.__slots__[1:]:
             value = getattr(self, name)

@@ -178,8 +178,7 @@ def size_problem(size: tuple[int, int], rig: StereoRig) -> str | None:
         else "they seem to be cropped: subtract the corner of the crop from cx, cy"
     )
     return (
-        f"images are {size[0]}×{size[1]}, the calibration is for {calibrated[0]}×{calibrated[1]}; {resized}; "
-        f"{REMEDY}"
+        f"images are {size[0]}×{size[1]}, the calibration is for {calibrated[0]}×{calibrated[1]}; {resized}; {REMEDY}"
     )
 
 
@@ -278,9 +277,7 @@ def stamp_warning(offset_ms: float, period_ms: float, right: str) -> str | None:
     )
 
 
-def _side_problem(
-    rig: StereoRig, check: CalibrationCheck, swapped: CalibrationCheck, choice: PairChoice
-) -> str | None:
+def _side_problem(rig: StereoRig, check: CalibrationCheck, swapped: CalibrationCheck, choice: PairChoice) -> str | None:
     """Report that left and right are swapped in the calibration, in the images, or in both."""
     if np.isnan(check.negative_share):
         return None

@@ -98,9 +98,7 @@ def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
         if len(rows) >= rules.fewest:
             rows = rows[:: -(-len(rows) // rules.patches)]
             at_px = now.left_px[rows], last_px[rows], first.of(now.ids)[rows]
-            return core.ghost_sums(
-                now.image, before.image, first.image, *at_px, rules.noise_grey, rules.least_square
-            )
+            return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey, rules.least_square)
     return _NOTHING
 
 

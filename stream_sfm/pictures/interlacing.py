@@ -64,9 +64,7 @@ def combed(image: Image) -> float:
         return 0.0
     grey[:, ::2] -= grey[:, ::2].mean() - grey[:, 1::2].mean()
     s2, s3, s4, s5 = (
-        ((grey[:, 5:] - grey[:, 5 - k : -k]) ** 2)[:, : _BANDS * size]
-        .reshape(columns, _BANDS, size)
-        .mean(axis=(0, 2))
+        ((grey[:, 5:] - grey[:, 5 - k : -k]) ** 2)[:, : _BANDS * size].reshape(columns, _BANDS, size).mean(axis=(0, 2))
         for k in (2, 3, 4, 5)
     )
     excess = (3 * s3 - s2 - 3 * s4 + s5) / 4

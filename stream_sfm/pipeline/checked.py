@@ -39,14 +39,11 @@ def check_arguments(rig: object, config: object) -> None:
     if not isinstance(rig, StereoRig | MonoRig):
         example = repr(str(rig)) if isinstance(rig, str | Path) else "'calibration.toml'"
         raise ConfigError(
-            f"the rig is {described(rig)}; give a StereoRig or a MonoRig, such as "
-            f"StereoRig.from_calibration({example})"
+            f"the rig is {described(rig)}; give a StereoRig or a MonoRig, such as StereoRig.from_calibration({example})"
         )
     if not isinstance(config, Config):
         example = repr(str(config)) if isinstance(config, str | Path) else "'settings.toml'"
-        raise ConfigError(
-            f"the configuration is {described(config)}; give a Config, such as read_config({example})"
-        )
+        raise ConfigError(f"the configuration is {described(config)}; give a Config, such as read_config({example})")
 
 
 def check_images(cameras: Mapping[str, Camera], frame: Frame, where: str) -> None:

@@ -84,9 +84,7 @@ class Observer:
         """Return inertial samples with their calibration in rectified axes; None if they are not used."""
         return None if self._imu is None else InertialView(samples, self._imu)
 
-    def observe(
-        self, frame: Frame, prepared: PreparedImages | None = None, expect: Expect | None = None
-    ) -> Observed:
+    def observe(self, frame: Frame, prepared: PreparedImages | None = None, expect: Expect | None = None) -> Observed:
         """Return the observations of the next frame; `prepared`: the result of `prepare`, if it was called.
 
         `expect`: returns the motion that an estimator predicts from the inertial samples of the frame; the front-end

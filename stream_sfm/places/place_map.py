@@ -350,9 +350,7 @@ class PlaceMap:
         numbers = self._graph.numbers[: -SETTINGS.apart]
         depth_m = np.median([self._nodes[number].keyframe.depth_m for number in numbers])
         poses = self._graph.poses[: len(numbers)]
-        where = np.hstack(
-            [poses[:, :3, 3] / depth_m, poses[:, :3, :3].reshape(-1, 9) / np.sqrt(2)]
-        )  # depths and rad
+        where = np.hstack([poses[:, :3, 3] / depth_m, poses[:, :3, :3].reshape(-1, 9) / np.sqrt(2)])  # depths and rad
         distance, neighbour = (column[:, 1] for column in KDTree(where).query(where, 2))
         distance[neighbour >= np.arange(len(numbers))] = np.inf  # of two close ones, the newer one is dropped
         too_many = len(self._nodes) - self._max_keyframes  # also those of a loaded map that kept more

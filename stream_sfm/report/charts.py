@@ -82,9 +82,7 @@ def path(poses: Mapping[str, Array], traces: Traces, looks: Looks = of_method, l
     return draw(Chart("Path", "x, m (right)", "z, m (forward)", series, note=note, path=True))
 
 
-def _of_traces(
-    traces: Traces, looks: Looks, y: Callable[[Trace], Array], x: Callable[[Trace], Array]
-) -> list[Series]:
+def _of_traces(traces: Traces, looks: Looks, y: Callable[[Trace], Array], x: Callable[[Trace], Array]) -> list[Series]:
     """Return a line of each trace, broken where frames have no truth."""
     series = []
     for name, t in traces.items():

@@ -133,9 +133,7 @@ def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
 
 def _off(*sizes: float) -> str:
     """Say by how much σ is too small or too large."""
-    least, most = (
-        (f"{float(f'{max(x, 1 / x):.2g}'):g}", "small" if x > 1 else "large") for x in (sizes[0], sizes[-1])
-    )
+    least, most = ((f"{float(f'{max(x, 1 / x):.2g}'):g}", "small" if x > 1 else "large") for x in (sizes[0], sizes[-1]))
     if least[1] != most[1]:
         return f"σ up to {least[0]} times too {least[1]} and {most[0]} times too {most[1]}"
     ends = sorted({least[0], most[0]}, key=float)

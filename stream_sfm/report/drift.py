@@ -144,9 +144,7 @@ def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth
         rows, true = matched(estimate, c.truth.poses)
         if len(rows) >= 2 and rows[0] == 0 and estimate.cov_pose is not None:
             poses = from_first_camera(common.applied(true.world_from_cam))
-            nees = mean_of_known(
-                nees_pose(estimate.world_from_cam[rows], estimate.cov_pose[rows], poses, c.truth.std)
-            )
+            nees = mean_of_known(nees_pose(estimate.world_from_cam[rows], estimate.cov_pose[rows], poses, c.truth.std))
     of_halves = c.halves[run.name].nees_mean if run.name in c.halves else None
     by_truth = nees is not None and (truth_separates or of_halves is None)
     known_from, used = ("truth", nees) if by_truth else ("halves", of_halves)

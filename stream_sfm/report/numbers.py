@@ -140,7 +140,5 @@ def _over_cross_frame(whole: list[RunRecord], against: Against | None) -> dict[s
 def _divergence(whole: list[RunRecord]) -> dict[str, float]:
     """Return the RMS distance of positions from those of cross-frame (or the first method), metres."""
     reference = next((r for r in whole if r.name == REFERENCE), next(iter(whole), None))
-    apart = {
-        r.key: r.poses[:, :3, 3] - reference.poses[:, :3, 3] for r in whole if reference and r is not reference
-    }
+    apart = {r.key: r.poses[:, :3, 3] - reference.poses[:, :3, 3] for r in whole if reference and r is not reference}
     return {key: float(np.sqrt((d**2).sum(axis=1).mean())) for key, d in apart.items()}

@@ -183,9 +183,7 @@ def _by_log(content: dict[str, Any]) -> Table:
     keys = [key for key in content["sigma_factor"] if key != WINDOW]
     rows = []
     for log in content["logs"]:
-        source = {"truth": "against the truth", "halves": "from halves of the tracks"}.get(
-            log["against"], "too short"
-        )
+        source = {"truth": "against the truth", "halves": "from halves of the tracks"}.get(log["against"], "too short")
         name = Name(log["name"], f"{counted(log['frames'], 'frame')}, {source}", href=f"{log['name']}/{REPORT[1]}")
         rows.append((name, [(text_of(log["ratios"].get(key, {}).get(KINDS[0])), "") for key in keys]))
     return Table([(of_method(key).name, "") for key in keys], rows)

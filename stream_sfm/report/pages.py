@@ -84,9 +84,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         notes=_notes(c, content),
         path_m=float(next(iter(traces.values())).distance_m[-1]) if traces else methods[0]["path_length_m"],
         of_spans=_spans(of_spans, names, c.runs),
-        unseparated=any(
-            of["position_from_halves"] for line in of_spans["table"] for of in line["methods"].values()
-        ),
+        unseparated=any(of["position_from_halves"] for line in of_spans["table"] for of in line["methods"].values()),
         reference=of_method(of_spans["reference"]).name,
         drift_charts=[charts.drift(of_spans, kind, _unit_of_spans(of_spans)) for kind in (0, 1)],
         main=table((*figures, *_RATIO, *TIME), names, methods, units),

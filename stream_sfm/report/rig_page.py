@@ -79,12 +79,12 @@ def over_image(title: str, values: Array, std: Array, unit: str) -> Markup:
     for (row, column), value in np.ndenumerate(values):
         opacity = abs(value) / most * min(1.0, abs(value) / max(float(std[row, column]), 1e-9))
         cells.append(
-            Markup(
-                '<rect x="{}" y="{}" width="31" height="21" style="fill:var(--{})" fill-opacity="{:.2f}"/>'
-            ).format(32 * column, 22 * row, "c1" if value >= 0 else "c2", opacity)
-            + Markup(
-                '<text x="{}" y="{}" text-anchor="middle" font-size="9" style="fill:var(--{})">{}</text>'
-            ).format(32 * column + 15.5, 22 * row + 14, "ink", f"{value:.2f}".replace("-", "−"))
+            Markup('<rect x="{}" y="{}" width="31" height="21" style="fill:var(--{})" fill-opacity="{:.2f}"/>').format(
+                32 * column, 22 * row, "c1" if value >= 0 else "c2", opacity
+            )
+            + Markup('<text x="{}" y="{}" text-anchor="middle" font-size="9" style="fill:var(--{})">{}</text>').format(
+                32 * column + 15.5, 22 * row + 14, "ink", f"{value:.2f}".replace("-", "−")
+            )
         )
     start = Markup('<svg viewBox="0 0 {} {}" role="img" aria-label="{}">')
     content = start.format(32 * width - 1, 22 * height - 1, title) + Markup("").join(cells) + Markup("</svg>")

@@ -66,9 +66,7 @@ def _forest(table: StudyTable) -> Iterator[Markup]:
                 if names[0] == condition and isinstance(value := values[k], Interval) and value.low > 0
             ]
             if rows:
-                yield intervals(
-                    f"{column}, {condition}", "ratio", rows, f"{table.title[:1].lower()}{table.title[1:]}"
-                )
+                yield intervals(f"{column}, {condition}", "ratio", rows, f"{table.title[:1].lower()}{table.title[1:]}")
 
 
 def _laws(report: dict[str, Any]) -> Iterator[Markup]:

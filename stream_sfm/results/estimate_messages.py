@@ -156,9 +156,7 @@ class RosMessages:
     def _path_now(self, head: Any) -> tuple[str, Any]:
         return "/stream_sfm/path", ros.make(ros.PATH, header=head, poses=self._path.poses())
 
-    def _map(
-        self, estimate: FrameEstimate, ids: NDArray[Any], points_in_world: Array, cov: Array
-    ) -> tuple[str, Any]:
+    def _map(self, estimate: FrameEstimate, ids: NDArray[Any], points_in_world: Array, cov: Array) -> tuple[str, Any]:
         head, in_map = ros.header(estimate.stamp_ns, self._frames.world), self._map_from_world()
         moved = se3.transform(in_map, points_in_world), in_map[:3, :3] @ cov @ in_map[:3, :3].T
         return "/stream_sfm/map", ros.cloud(head, ids, *self._frames.points(*moved))

@@ -51,9 +51,7 @@ class ResultFolder:
         """Append one frame to each file; its images are not needed."""
         if not isinstance(estimate, FrameEstimate):
             kind = type(estimate).__name__
-            raise OutputError(
-                f"{self.path}: an estimate of type {kind} cannot be written; give write(estimate, frame)"
-            )
+            raise OutputError(f"{self.path}: an estimate of type {kind} cannot be written; give write(estimate, frame)")
         if self._closed:
             raise OutputError(f"{self.path} is closed; write to a new ResultFolder of another path")
         if self._estimates is None:

@@ -99,9 +99,7 @@ float64[] timings_ms
 """,
 }
 # As ROS reads them: an explanation above its field.
-DEFINITIONS = {
-    name: re.sub(r"^(.+)  # (.+)$", r"# \2\n\1", text, flags=re.MULTILINE) for name, text in _FIELDS.items()
-}
+DEFINITIONS = {name: re.sub(r"^(.+)  # (.+)$", r"# \2\n\1", text, flags=re.MULTILINE) for name, text in _FIELDS.items()}
 Part = TypeVar("Part")
 
 

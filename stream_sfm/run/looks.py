@@ -140,7 +140,5 @@ class _Coverage(Sink):
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Count the points of a frame."""
         pixels, camera = project_into_image(self._camera, estimate.points_in_cam), self._camera
-        edges = [
-            np.linspace(0, size, n + 1) for size, n in zip((camera.height, camera.width), (9, 16), strict=True)
-        ]
+        edges = [np.linspace(0, size, n + 1) for size, n in zip((camera.height, camera.width), (9, 16), strict=True)]
         self.seen += np.histogram2d(pixels[:, 1], pixels[:, 0], edges)[0]

@@ -55,8 +55,7 @@ class SelfTest:
         o = observed.observations
         left = o.z_px[:, 0] < self._middle_px
         self._born_left = {
-            track: self._born_left.get(track, bool(now))
-            for track, now in zip(o.track_ids.tolist(), left, strict=True)
+            track: self._born_left.get(track, bool(now)) for track, now in zip(o.track_ids.tolist(), left, strict=True)
         }
         halves = {"tracks": o.track_ids % 2 == 0, "image": np.array(list(self._born_left.values()), bool)}
         for test, first in halves.items():

@@ -59,8 +59,7 @@ def _run_all(
 def stacked(trials: list[Measured]) -> Measured:
     """Return the measurements of all trials, (trials, k) each."""
     return {
-        label: {name: np.stack([t[label][name] for t in trials]) for name in trials[0][label]}
-        for label in trials[0]
+        label: {name: np.stack([t[label][name] for t in trials]) for name in trials[0][label]} for label in trials[0]
     }
 
 

@@ -162,9 +162,7 @@ def bounded(decoder: Decoder) -> Decoder:
 
     def decode(data: bytes) -> Any:
         if len(data) > LIMITS.small_bytes:
-            raise ValueError(
-                f"its definition has repeated fields, and it exceeds {LIMITS.small_bytes // 2**20} MiB"
-            )
+            raise ValueError(f"its definition has repeated fields, and it exceeds {LIMITS.small_bytes // 2**20} MiB")
         return decoder(data)
 
     return decode

@@ -65,9 +65,7 @@ class InertialEstimate:
         return float(np.sqrt(np.linalg.eigvalsh(across @ self.cov_of(GRAVITY) @ across.T)[-1])) / size
 
     def __repr__(self) -> str:
-        return (
-            f"<InertialEstimate {np.linalg.norm(self.velocity):.2f} m/s, tilt ±{1e3 * self.std_tilt_rad:.1f} mrad>"
-        )
+        return f"<InertialEstimate {np.linalg.norm(self.velocity):.2f} m/s, tilt ±{1e3 * self.std_tilt_rad:.1f} mrad>"
 
 
 def _no_ids() -> NDArray[np.int64]:
@@ -190,9 +188,7 @@ class Solution:
     )
     iterations: int = 0
     nis: Annotated[float, About(says="whitened squared innovation of the accepted views")] = 0.0
-    nis_dof: Annotated[
-        int, About(says="its degrees of freedom; nis/nis_dof is 1 where the noise is as assumed")
-    ] = 0
+    nis_dof: Annotated[int, About(says="its degrees of freedom; nis/nis_dof is 1 where the noise is as assumed")] = 0
     rig: RigEstimate | None = None
     relative: Annotated[RelativeMotions | None, About(Kind.PARTS)] = None
     common: Annotated[CommonErrors | None, About(Kind.PARTS)] = None
@@ -232,9 +228,7 @@ class FrameEstimate(Solution):
     - `rig_change`: set in the frame that detects a turn of the right camera, some frames after the turn.
     """
 
-    frame_index: Annotated[
-        int, About(Kind.FRAMES, says="counts the frames given to the engine, from 0", column=True)
-    ]
+    frame_index: Annotated[int, About(Kind.FRAMES, says="counts the frames given to the engine, from 0", column=True)]
     stamp_ns: Annotated[int, About(says="stamp of the left image, nanoseconds", column=True)]
     counts: dict[str, int]
     timings_ms: dict[str, float]

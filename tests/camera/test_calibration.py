@@ -52,9 +52,7 @@ def test_our_own_is_written_and_read_back(tmp_path):
 def test_kalibr(tmp_path, name):
     rig = RIG
     if name != "radtan":
-        rig = StereoRig(
-            *(Camera(*SIZE, c.K, (-0.01, 0.02, -3e-3, 1e-3), "equidistant") for c in (LEFT, RIGHT)), POSE
-        )
+        rig = StereoRig(*(Camera(*SIZE, c.K, (-0.01, 0.02, -3e-3, 1e-3), "equidistant") for c in (LEFT, RIGHT)), POSE)
     check(write(tmp_path / "camchain.yaml", kalibr((rig.left, rig.right), POSE, lens=name)), rig)
 
 
@@ -125,9 +123,7 @@ def test_mrpt_as_in_the_malaga_data_sets(tmp_path):
     for name, camera in (("LEFT", LEFT), ("RIGHT", RIGHT)):
         fx, fy, cx, cy = camera.K[[0, 1, 0, 1], [0, 1, 2, 2]]
         dist = " ".join(map(repr, [*camera.D, 0.0]))
-        text += (
-            f"[CAMERA_PARAMS_{name}]\nresolution=[752 480]\ncx={cx}\ncy={cy}\nfx={fx}\nfy={fy}\ndist=[{dist}]\n\n"
-        )
+        text += f"[CAMERA_PARAMS_{name}]\nresolution=[752 480]\ncx={cx}\ncy={cy}\nfx={fx}\nfy={fy}\ndist=[{dist}]\n\n"
     left_from_right = se3.inverse(POSE)
     x, y, z, w = se3.quat_xyzw_from_matrix(left_from_right[:3, :3])
     numbers = " ".join(repr(float(v)) for v in (*left_from_right[:3, 3], w, x, y, z))
@@ -152,13 +148,10 @@ def test_oak_calibration_of_the_eeprom(tmp_path, by_third):
         entries.append(
             [
                 socket,
-                values
-                | {"intrinsicMatrix": (half @ camera.K).tolist(), "distortionCoeff": [*camera.D, *[0.0] * 10]},
+                values | {"intrinsicMatrix": (half @ camera.K).tolist(), "distortionCoeff": [*camera.D, *[0.0] * 10]},
             ]
         )
-    text = json.dumps(
-        {"boardName": "OAK-D", "cameraData": entries, "stereoRectificationData": {"leftCameraSocket": 1}}
-    )
+    text = json.dumps({"boardName": "OAK-D", "cameraData": entries, "stereoRectificationData": {"leftCameraSocket": 1}})
     path = write(tmp_path / "calib.json", text)
     rig = StereoRig.from_calibration(path, (LEFT.width, LEFT.height))
     np.testing.assert_allclose(rig.right_from_left, POSE, atol=1e-9)
@@ -198,9 +191,7 @@ def test_ros_camera_info(tmp_path):
     with pytest.raises(ConfigError, match=r"left\.yaml: this is the calibration of one camera"):
         StereoRig.from_calibration(left)
     write(right, camera_info(OF_ROS[1], OF_ROS[0].P))
-    with pytest.raises(
-        ConfigError, match=r"right\.yaml: projection_matrix of neither camera contains the baseline"
-    ):
+    with pytest.raises(ConfigError, match=r"right\.yaml: projection_matrix of neither camera contains the baseline"):
         StereoRig.from_calibration(tmp_path)
 
 
@@ -249,9 +240,7 @@ def test_unified_lenses_are_the_fisheye_that_is_nearest(tmp_path, tool, model):
     else:
         camera = f"  camera_model: {model}\n  intrinsics: {[*values.values(), *f]}\n  resolution: {list(size)}\n"
         camera += f"  distortion_model: {'radtan' if d else 'none'}\n  distortion_coeffs: {list(d)}\n"
-        path = write(
-            tmp_path / "camchain.yaml", f"cam0:\n{camera}cam1:\n{camera}  T_cn_cnm1:\n{matrix_rows(POSE)}\n"
-        )
+        path = write(tmp_path / "camchain.yaml", f"cam0:\n{camera}cam1:\n{camera}  T_cn_cnm1:\n{matrix_rows(POSE)}\n")
     found = StereoRig.from_calibration(path)
     np.testing.assert_allclose(found.right_from_left, POSE, atol=1e-9)
     points = np.random.default_rng(1).uniform([-2, -2, 0.4], [2, 2, 1], (4000, 3))

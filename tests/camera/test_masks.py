@@ -124,9 +124,7 @@ def test_the_command_line_and_the_viewer_and_the_page_have_them(tmp_path: Path) 
         (png(np.ones((240, 320)))[:40], "is damaged"),
     ],
 )  # fmt: skip
-def test_files_that_are_no_masks_of_these_images_are_refused(
-    tmp_path: Path, content: bytes | None, said: str
-) -> None:
+def test_files_that_are_no_masks_of_these_images_are_refused(tmp_path: Path, content: bytes | None, said: str) -> None:
     path = tmp_path / "mask.png"
     if content is not None:
         path.write_bytes(content)

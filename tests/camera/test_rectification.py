@@ -64,10 +64,7 @@ def test_a_longer_focal_length_moves_views_as_cameras_see_points_that_have_it(mo
     """Of cameras that converge and bend, a thousandth longer: to a hundredth of that; the row is that of the left."""
     stereo, longer = rig(vergence_rad=0.06), 1e-3
     sides = [
-        [
-            Camera(320, 240, c.K * [[k], [k], [1]] + np.outer([1, 1, 0], [0, 0, 1]) * (1 - k) * c.K, d, model)
-            for k in ks
-        ]
+        [Camera(320, 240, c.K * [[k], [k], [1]] + np.outer([1, 1, 0], [0, 0, 1]) * (1 - k) * c.K, d, model) for k in ks]
         for c, d, ks in (
             (stereo.left, (-0.05, 0.01, 0.002, -0.001), (1, 1 + longer)),
             (stereo.right, (-0.05, 0.01, 0.002, -0.001), (1, 1 + longer)),
@@ -116,9 +113,7 @@ def test_a_lens_that_leaves_next_to_nothing_is_refused() -> None:
         _ = Rectifier(StereoRig(camera, camera, rig().right_from_left)).valid
 
 
-@pytest.mark.parametrize(
-    "d", [(0.0, 0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1000.0, 0.0, 0.0), (0.0, 0.0, 1e300, 0.0, 0.0)]
-)
+@pytest.mark.parametrize("d", [(0.0, 0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1000.0, 0.0, 0.0), (0.0, 0.0, 1e300, 0.0, 0.0)])
 def test_a_lens_without_a_solution_is_refused_and_no_defect(d) -> None:
     """As when k3 stands where p1 belongs: OpenCV finds no ray for a pixel."""
     camera = Camera(320, 240, rig().left.K, d)

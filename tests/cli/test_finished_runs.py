@@ -67,9 +67,7 @@ def test_two_batches_say_which_one_drifts_less(runs: list[Path], tmp_path: Path,
             (copy / "summary.json").write_text(json.dumps(summary | {"log": str(link)}))
     (tmp_path / "a/report.html").touch()  # of the batch, which is no run
     said = cli("evaluate", tmp_path / "a", tmp_path / "b").out
-    assert f"{tmp_path / 'b'} over {tmp_path / 'a'}, 3 logs: ATE aligned ×1.00 [1.00, 1.00]" in said.replace(
-        "\n", " "
-    )
+    assert f"{tmp_path / 'b'} over {tmp_path / 'a'}, 3 logs: ATE aligned ×1.00 [1.00, 1.00]" in said.replace("\n", " ")
     assert "these 3 logs do not tell which one drifts less" in said
     found = cli("evaluate", tmp_path / "a", tmp_path / "b", "--json").json
     assert len(found["runs"]) == 6 and found["paired"]["ratios"]["t_rel_percent"]["logs"] == 3

@@ -41,9 +41,7 @@ def test_compilation_is_reported_where_python_writes_its_errors(
 ) -> None:
     """In a notebook, this is not the standard error of the process."""
     file = checkout(tmp_path)
-    spec = importlib.util.spec_from_file_location(
-        "checkout_core", file, submodule_search_locations=[str(file.parent)]
-    )
+    spec = importlib.util.spec_from_file_location("checkout_core", file, submodule_search_locations=[str(file.parent)])
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, "checkout_core", module)

@@ -88,10 +88,7 @@ def test_lost_and_resume(method, arc):
     observations = [
         *arc.observations[:6],
         without_views(arc.observations[6]),
-        *(
-            dataclasses.replace(o, track_ids=o.track_ids + 1000, n_new=len(o.track_ids))
-            for o in arc.observations[7:]
-        ),
+        *(dataclasses.replace(o, track_ids=o.track_ids + 1000, n_new=len(o.track_ids)) for o in arc.observations[7:]),
     ]
     s = run(method, arc.projection, observations)
     assert s[5].status is Status.OK

@@ -21,9 +21,7 @@ def sliding(rng: np.random.Generator, weight: float = 1.0) -> tuple[State, White
     """A camera at rest and the middle of each track; views have noise, and patches slide in all four coordinates."""
     q = np.column_stack([rng.uniform(-0.5, 0.5, (POINTS, 2)), rng.uniform(0.1, 0.5, POINTS)])
     still = np.tile(np.eye(4), (FRAMES, 1, 1))
-    state = State(
-        still, np.arange(POINTS), np.tile(np.eye(4), (POINTS, 1, 1)), q, np.zeros(0), np.zeros((FRAMES, 0))
-    )
+    state = State(still, np.arange(POINTS), np.tile(np.eye(4), (POINTS, 1, 1)), q, np.zeros(0), np.zeros((FRAMES, 0)))
     walk = np.cumsum(rng.normal(0, SLIDE_PX, (FRAMES, POINTS, 4)), axis=0)
     seen = PROJECTION.project(np.column_stack([q[:, :2], np.ones(POINTS)]) / q[:, 2:])
     z = seen + walk - walk[FRAMES // 2] + rng.normal(0, STD_PX, walk.shape)

@@ -15,9 +15,7 @@ from stream_sfm.types import Observations, Status
 from tests.helpers.estimators import window_views
 
 
-def spoiled(
-    observations: Observations, share: float, rng: np.random.Generator, anywhere: bool = False
-) -> Observations:
+def spoiled(observations: Observations, share: float, rng: np.random.Generator, anywhere: bool = False) -> Observations:
     """Return the frame with a fraction of its views displaced, or `anywhere` in both images; first views too."""
     z = observations.z_px.copy()
     bad = rng.random(len(z)) < share

@@ -89,9 +89,7 @@ def blocks_of(rng) -> SimpleNamespace:
 def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, b: SimpleNamespace) -> tuple:
     """Mean and covariance of [q', ω', c] after the views, by a Kalman update with a practically unknown pose."""
     anchors = se3.orthonormalise(x @ ANCHORS)
-    moves = np.concatenate([-1e-6 * np.eye(6), 1e-6 * np.eye(6)])[
-        :, None
-    ]  # of the reference camera, q's numerically
+    moves = np.concatenate([-1e-6 * np.eye(6), 1e-6 * np.eye(6)])[:, None]  # of the reference camera, q's numerically
     moved = se3.inverse(anchors) @ se3.exp(moves) @ in_reference(anchors, q)[..., None]
     less, more = np.split(q_from_homogeneous(moved[..., 0]), 2)
     by_pose = np.moveaxis((more - less) / 2e-6, 0, -1)
@@ -125,9 +123,7 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     """Information about errors of the rig is kept; all else is estimated with these errors held."""
     rng = np.random.default_rng(6)
     y, x = rng.normal(size=K), se3.exp(0.05 * rng.normal(size=6))
-    q = (
-        prior.mean + prior.modes @ y
-    )  # linearised at the prior's own prediction, so that means can be compared linearly
+    q = prior.mean + prior.modes @ y  # linearised at the prior's own prediction, so that means can be compared linearly
     blocks = blocks_of(rng)
     mean, cov = absorbed_densely(prior, y, x, q, blocks)
     by_own, by_rig = rng.normal(size=(NEW, 3, E)), rng.normal(size=(NEW, 3, M))
@@ -200,9 +196,7 @@ def expected(prior: Prior) -> np.ndarray:
     return np.concatenate([prior.mean.ravel(), np.zeros(6), prior.rig.mean]) + _estimated(prior)
 
 
-def measured(
-    prior: Prior, rows: np.ndarray, information: np.ndarray, z: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def measured(prior: Prior, rows: np.ndarray, information: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance after a measurement of some errors of the rig, with the Kalman gain."""
     before, h = dense(prior), np.eye(3 * N + 6 + M)[-M:][rows]
     gain = before @ h.T @ np.linalg.inv(h @ before @ h.T + np.diag(1 / information))

@@ -213,9 +213,7 @@ def zoomed(flight: Flight, longer: Array, off_px: float = 0.0) -> list[Observati
     Images are scaled about a point `off_px` away from the principal points.
     """
     middle = np.tile([flight.P.cx_left_px + off_px, flight.P.cy_px], 2)
-    return [
-        replace(o, z_px=middle + k * (o.z_px - middle)) for o, k in zip(flight.observations(), longer, strict=True)
-    ]
+    return [replace(o, z_px=middle + k * (o.z_px - middle)) for o, k in zip(flight.observations(), longer, strict=True)]
 
 
 @pytest.mark.slow
@@ -278,9 +276,7 @@ def test_errors_found_of_an_exact_rig_have_no_bias_even_in_the_shortest_window()
         assert isinstance(rig, RigEstimate)
         found.append((rig.mean_if_wrong / np.sqrt(np.diag(rig.cov_if_wrong)))[LENS])
     away = np.abs(np.mean(found, axis=0)) * np.sqrt(len(found))
-    assert away.max() < norm.isf(
-        5e-4 / M
-    )  # 3.95; 8.1 if effects are evaluated at the positions of the smoothed window
+    assert away.max() < norm.isf(5e-4 / M)  # 3.95; 8.1 if effects are evaluated at the positions of the smoothed window
 
 
 def test_a_delay_known_beforehand_is_applied_and_kept() -> None:

@@ -114,8 +114,6 @@ def errors_of_motions(learns: bool, seed: int) -> list[np.ndarray]:
 
 def test_motions_are_better_if_tracks_differ():
     """In the same runs positions and rotations are better by at least 3 % with the weights of tracks."""
-    learnt, alike = (
-        np.concatenate([errors_of_motions(learns, seed) for seed in range(6)]) for learns in (True, False)
-    )
+    learnt, alike = (np.concatenate([errors_of_motions(learns, seed) for seed in range(6)]) for learns in (True, False))
     for part in (slice(3), slice(3, 6)):
         assert np.sqrt((learnt[:, part] ** 2).mean() / (alike[:, part] ** 2).mean()) < 0.97

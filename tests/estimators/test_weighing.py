@@ -57,9 +57,7 @@ class Frame:
         self.twists = STD_TWIST * late_s[..., None] * by_twist
         self.others = np.zeros((N, 4, 1))
         self.others[:, 2, 0] = 0.5 + 0.01 * rng.normal(size=N)
-        shift = (
-            self.turns @ np.array([0.3, turn, 0.3]) + self.twists @ (nod * np.eye(6)[3]) + longer * (z_px - middle)
-        )
+        shift = self.turns @ np.array([0.3, turn, 0.3]) + self.twists @ (nod * np.eye(6)[3]) + longer * (z_px - middle)
         z_px = z_px + shift + of_delay * self.others[..., 0] + STD_PX * rng.normal(size=(N, 4))
         terms = np.zeros((N, 4, len(TERMS)))
         terms[..., TERMS.index(FOCAL)] = RULES.std_focal * (z_px - middle)

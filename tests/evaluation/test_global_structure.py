@@ -21,9 +21,7 @@ def seen(n: int, estimated: np.ndarray, noise_m: np.ndarray) -> Any:
     """The estimate of a frame, which reports all points: at their true places in the camera, but for noise."""
     in_world = se3.transform(estimated[n] @ se3.inverse(TRUE[n]), WORLD) + noise_m
     cov = np.broadcast_to(STD**2 * np.eye(3), (POINTS, 3, 3))
-    return SimpleNamespace(
-        track_ids=IDS, stamp_ns=int(STAMPS_NS[n]), points_in_world=in_world, cov_points_in_world=cov
-    )
+    return SimpleNamespace(track_ids=IDS, stamp_ns=int(STAMPS_NS[n]), points_in_world=in_world, cov_points_in_world=cov)
 
 
 def compared(estimated: np.ndarray, noise: float = 0.0, truth: slice = slice(None)) -> dict[str, Any]:

@@ -43,9 +43,7 @@ def test_motions_that_overlap_tell_less() -> None:
     rng = np.random.default_rng(6)
     motions, true = drawn(rng, 1.0, 1.0)
     thrice = [m for m in motions for _ in range(3)], np.repeat(true, 3, axis=0)
-    once, overlapping = (
-        own_and_common(*x, np.zeros((6, 6)), n) for x, n in (((motions, true), 1.0), (thrice, 3.0))
-    )
+    once, overlapping = (own_and_common(*x, np.zeros((6, 6)), n) for x, n in (((motions, true), 1.0), (thrice, 3.0)))
     assert overlapping == pytest.approx(once)
     assert own_and_common(motions[:2], true[:2], np.zeros((6, 6)), 8.0).own is None
 

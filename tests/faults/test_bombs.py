@@ -122,8 +122,7 @@ def test_topics_by_the_ten_thousand_are_listed_in_part(path, tmp_path, cli, monk
     monkeypatch.setattr(LogFile, "messages", lambda *args: readings.append(args) or messages(*args))
     said = schema(999, "foxglove.CompressedImage", "protobuf", definition(CompressedImage))
     pairs = (
-        channel(1000 + n, 999, f"/cam{n // 2}/{('left', 'right')[n % 2]}/image", "protobuf")
-        + message(1000 + n, b"")
+        channel(1000 + n, 999, f"/cam{n // 2}/{('left', 'right')[n % 2]}/image", "protobuf") + message(1000 + n, b"")
         for n in range(5000)
     )
     insert(

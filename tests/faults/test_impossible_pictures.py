@@ -104,9 +104,7 @@ def test_a_focus_that_comes_and_goes_is_within_sigma(room) -> None:
         blur_px = 6 * abs(np.sin(0.3 * k))
         return cv2.GaussianBlur(image, (0, 0), blur_px) if blur_px else image
 
-    seen = [
-        replace(f, left=out_of_focus(f.left, k), right=out_of_focus(f.right, k)) for k, f in enumerate(frames[:25])
-    ]
+    seen = [replace(f, left=out_of_focus(f.left, k), right=out_of_focus(f.right, k)) for k, f in enumerate(frames[:25])]
     estimates, squares = judged(rig, seen, truth)
     assert all(e.status == sfm.Status.OK for e in estimates[1:])
     assert squares[1:].max() < FIVE_SIGMA  # 61 without what sharpness says

@@ -42,16 +42,12 @@ def test_an_ambiguity_outlives_its_views_with_the_same_difference() -> None:
     )
     assert none is None and of_body is None
     assert own is not None and np.array_equal(own, OTHER_FROM_FIRST @ FIRST)
-    assert all(
-        other is not None and np.allclose(other, OTHER_FROM_FIRST @ turned, atol=1e-12) for other in remembered
-    )
+    assert all(other is not None and np.allclose(other, OTHER_FROM_FIRST @ turned, atol=1e-12) for other in remembered)
 
 
 def test_new_points_end_an_ambiguity_and_a_new_one_begins_without_memory() -> None:
     clear, ambiguous = motion(FIRST, None), motion(FIRST, 0.5)
-    found = [
-        other is not None for other in others([ambiguous] * 25 + [clear] * 15 + [ambiguous] + [clear] * 15, 20)
-    ]
+    found = [other is not None for other in others([ambiguous] * 25 + [clear] * 15 + [ambiguous] + [clear] * 15, 20)]
     first, second = found[25:40].index(False), found[41:].index(False)
     assert all(found[: 25 + first]) and not any(found[25 + first : 40]) and found[40]
     assert first == second and 1 <= first <= 5  # however long it has lasted

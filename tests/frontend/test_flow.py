@@ -23,9 +23,7 @@ def reached(levels: int, shift_px: int) -> float:
     """The fraction of the corners that flow follows over a shift, from their old positions."""
     image = Wall(4).image(rig().left, np.eye(4))
     valid = np.ones(image.shape, bool)
-    corners = new_corners(corner_strength(image), valid, np.empty((0, 2)), 60, 12.0, 1e-5, PointRules()).astype(
-        float
-    )
+    corners = new_corners(corner_strength(image), valid, np.empty((0, 2)), 60, 12.0, 1e-5, PointRules()).astype(float)
     corners = corners[(corners[:, 0] > 40) & (corners[:, 0] < 320 - 40 - shift_px)]
     aligner, moved = TemplateAligner.empty(Config(), valid), prepared(np.roll(image, shift_px, axis=1))
     at, found = track(aligner, FlowRules(), prepared(image).left_half, moved, corners, corners, levels)

@@ -27,8 +27,7 @@ def test_detect_covers_evenly_and_keeps_its_distance() -> None:
     quarters = [((corners[:, 0] < 160) == a) & ((corners[:, 1] < 120) == b) for a in (0, 1) for b in (0, 1)]
     assert min(q.sum() for q in quarters) > 0.15 * len(corners)
     assert (
-        len(new_corners(corner_strength(image), np.zeros(image.shape, bool), taken, 80, 10.0, 1e-5, PointRules()))
-        == 0
+        len(new_corners(corner_strength(image), np.zeros(image.shape, bool), taken, 80, 10.0, 1e-5, PointRules())) == 0
     )
 
 

@@ -60,9 +60,7 @@ def with_own_body(seed: int) -> tuple[Seen, np.ndarray]:
     far = np.arange(65) < 60
     least, most = (np.where(far[:, None], *of) for of in (([0.05, 0.1], [0.3, 0.8]), ([0.95, 0.7], [0.7, 0.95])))
     depth_m = np.where(far, rng.uniform(6, 14, 65), rng.uniform(1.2, 1.4, 65))
-    points = (
-        np.column_stack([P.rays(rng.uniform(least, most) * [P.width, P.height]), np.ones(65)]) * depth_m[:, None]
-    )
+    points = np.column_stack([P.rays(rng.uniform(least, most) * [P.width, P.height]), np.ones(65)]) * depth_m[:, None]
     now = np.where(far[:, None], se3.transform(TURNS, points), points)
     first_px, z_px = (P.project(x) + rng.normal(size=(65, 4)) * 0.5 * STD_PX for x in (points, now))
     before = np.column_stack([P.rays(first_px), np.ones(65), P.inverse_depth(first_px)])

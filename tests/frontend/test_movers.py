@@ -107,9 +107,7 @@ def test_when_a_body_that_filled_the_view_uncovers_the_wall_sigma_covers_all_ear
     estimates = []
     for index, (pose, scene.edge_m) in enumerate(zip(poses, edges_m, strict=True)):
         estimates.append(engine.step(scene.frame(STEREO, pose, index)))
-    off = np.array(
-        [nees(e.world_from_cam, e.cov_pose, pose) for e, pose in zip(estimates[1:], poses[1:], strict=True)]
-    )
+    off = np.array([nees(e.world_from_cam, e.cov_pose, pose) for e, pose in zip(estimates[1:], poses[1:], strict=True)])
     noticed = next(k for k, e in enumerate(estimates) if "two rigid motions agree with the views" in e.reason)
     assert np.linalg.norm(estimates[noticed].world_from_cam[:3, 3] - poses[noticed][:3, 3]) > 0.2
     assert off[noticed - 2] > 1000  # wrong before, which cannot be avoided

@@ -43,9 +43,7 @@ def frame(rng: np.random.Generator, rad: np.ndarray, motion: np.ndarray) -> tupl
     return p_known, cov_points, z, np.tile(STD_PX**2 * np.eye(4), (N, 1, 1)), nearly
 
 
-def watched(
-    turns: list[np.ndarray], seed: int = 0, by_delay_rad: np.ndarray = NONE
-) -> tuple[TurnWatch, list[bool]]:
+def watched(turns: list[np.ndarray], seed: int = 0, by_delay_rad: np.ndarray = NONE) -> tuple[TurnWatch, list[bool]]:
     """A watch after frames with these turns, and which of them were unusual."""
     rng, watch, unusual = np.random.default_rng(seed), TurnWatch.begun(P, TurnRules()), []
     motion, apparent = se3.exp([0.01, 0, -0.05, 0, 0.01, 0]), ApparentTurns(np.zeros((3, 3)), by_delay_rad, 1.0)

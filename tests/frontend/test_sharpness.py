@@ -48,9 +48,7 @@ def test_points_slide_in_both_images_by_as_much_as_sigma_says() -> None:
     "change",
     [
         lambda image, k: image,
-        lambda image, k: np.rint(image * 0.97 ** (k % 4)).astype(
-            np.uint8
-        ),  # of brightness, and of contrast with it
+        lambda image, k: np.rint(image * 0.97 ** (k % 4)).astype(np.uint8),  # of brightness, and of contrast with it
     ],
     ids=["none", "exposure"],
 )

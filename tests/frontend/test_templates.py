@@ -61,9 +61,7 @@ def test_a_shift_is_found_whatever_the_exposure_within_its_covariance(gain: floa
         away = (at - points - shift)[found]
         shared_pixels = ViewNoise.unknown(ErrorRules(), 1.0).shared_pixels
         gradients = _core._gradient_matrices(patches.information, patches.spacing_px)
-        cov = _core._view_covariances(gradients, error, error, shared_pixels, 1.0, 1.0, TemplateRules())[
-            found, :2, :2
-        ]
+        cov = _core._view_covariances(gradients, error, error, shared_pixels, 1.0, 1.0, TemplateRules())[found, :2, :2]
         cov = 2 * cov - TemplateRules().std_floor_px ** 2 * np.eye(
             2
         )  # half of the variance of grey differences is the template's noise
@@ -71,9 +69,7 @@ def test_a_shift_is_found_whatever_the_exposure_within_its_covariance(gain: floa
         squares.append(np.einsum("ni,nij,nj->n", away, np.linalg.inv(cov), away))
     away, squares = np.concatenate(errors), np.concatenate(squares)
     standard_error = away.std(axis=0) / np.sqrt(len(away))
-    assert (
-        np.abs(away.mean(axis=0)) < 4 * standard_error + CONVERGED_PX / 10
-    ).all()  # a step leaves a tenth of itself
+    assert (np.abs(away.mean(axis=0)) < 4 * standard_error + CONVERGED_PX / 10).all()  # a step leaves a tenth of itself
     # the number of pixels that share a noise value is an upper bound, reached by edges much wider than the smoothing;
     # the actual value for the images of a run is learnt as one factor for all
     assert 0.3 < squares.mean() / 2 < 1.1

@@ -35,9 +35,7 @@ def test_a_change_that_is_not_there_is_found_no_more_often_than_the_bound_says()
 def test_what_begins_is_found_as_soon_as_the_frames_together_say_so() -> None:
     """After `BOUND` over the mean evidence of a frame, and some frames more as the sum overshoots the bound."""
     rng, amount = np.random.default_rng(1), 1.0
-    needed = [
-        begun_in(amount * (rng.normal(amount, 1, 400) - amount / 2), Evidence(BOUND, 1e9)) for _ in range(200)
-    ]
+    needed = [begun_in(amount * (rng.normal(amount, 1, 400) - amount / 2), Evidence(BOUND, 1e9)) for _ in range(200)]
     assert None not in needed
     mean, expected = float(np.mean([n for n in needed if n])), BOUND / (amount**2 / 2)
     assert expected - 3 < mean < expected + 3  # σ of the mean is 0.4

@@ -17,9 +17,7 @@ def messages_of(log: Path) -> list[Message]:
     return list(LogFile(log).messages(Damage()))
 
 
-def write_bag1(
-    path: Path, messages: Sequence[Message], compression: str = "none", chunk_bytes: int = 2**20
-) -> Path:
+def write_bag1(path: Path, messages: Sequence[Message], compression: str = "none", chunk_bytes: int = 2**20) -> Path:
     """A ROS 1 bag; `messages` are in ROS 1's encoding."""
     writer = Writer1(path)
     writer.chunk_threshold = chunk_bytes
@@ -47,9 +45,7 @@ def _add(writer: Any, messages: Sequence[Message]) -> None:
     for channel, time_ns, data, *_ in messages:
         if channel.topic not in connections:
             more = {"rihs01": "RIHS01_" + "0" * 64} if isinstance(writer, Writer2) else {"md5sum": "0" * 32}
-            name = (
-                channel.schema_name if "/msg/" in channel.schema_name else channel.schema_name.replace("/", "/msg/")
-            )
+            name = channel.schema_name if "/msg/" in channel.schema_name else channel.schema_name.replace("/", "/msg/")
             definition = channel.definition.decode()
             connections[channel.topic] = writer.add_connection(channel.topic, name, msgdef=definition, **more)
         writer.write(connections[channel.topic], time_ns, data)

@@ -10,12 +10,8 @@ from tests.helpers.stereo_logs import calibration_of
 
 RNG = np.random.default_rng(8)
 SIZE = (752, 480)
-LEFT = Camera(
-    *SIZE, np.array([[458.654, 0, 367.215], [0, 457.296, 248.375], [0, 0, 1]]), (-0.28, 0.07, 2e-4, 1.8e-5)
-)
-RIGHT = Camera(
-    *SIZE, np.array([[457.587, 0, 379.999], [0, 456.134, 255.238], [0, 0, 1]]), (-0.28, 0.08, 1e-4, -3e-5)
-)
+LEFT = Camera(*SIZE, np.array([[458.654, 0, 367.215], [0, 457.296, 248.375], [0, 0, 1]]), (-0.28, 0.07, 2e-4, 1.8e-5))
+RIGHT = Camera(*SIZE, np.array([[457.587, 0, 379.999], [0, 456.134, 255.238], [0, 0, 1]]), (-0.28, 0.08, 1e-4, -3e-5))
 POSE = se3.from_rotation_translation(se3.exp_so3(np.array([0.002, 0.014, -0.0007])), np.array([-0.11, 4e-4, -8e-4]))
 RIG, BOTH = StereoRig(LEFT, RIGHT, POSE), (LEFT, RIGHT)
 KALIBR = kalibr(BOTH, POSE)

@@ -95,8 +95,7 @@ def _folders(tmp_path, left, right):
     """Images of these names on each side, and a calibration in millimetres."""
     (tmp_path / "c.toml").write_text(camera_pair(se3.exp([-120.0, 0, 0, 0, 0, 0])).to_toml())
     return [
-        [str(write_picture(tmp_path / side / name)) for name in names]
-        for side, names in (("l", left), ("r", right))
+        [str(write_picture(tmp_path / side / name)) for name in names] for side, names in (("l", left), ("r", right))
     ]
 
 

@@ -59,9 +59,7 @@ def test_of_a_whole_file_everything_is_copied(path: Path, tmp_path: Path, chunke
 @pytest.mark.parametrize("index", INDEXES)
 def test_of_a_damaged_file_what_is_read_is_copied(path: Path, tmp_path: Path, kind: str, index: str) -> None:
     whole = whole_log(write_log(tmp_path / "whole.mcap", Spec(), **CONTAINERS["zstd"]))
-    assert any(
-        trial(whole, index, kind, seed, path).found for seed in range(9)
-    )  # the first that leaves a description
+    assert any(trial(whole, index, kind, seed, path).found for seed in range(9))  # the first that leaves a description
     damage = Damage()
     readable = [(m.channel.topic, m.log_time_ns, m.data) for m in LogFile(path).messages(damage)]
     recovered = sfm.recover(path, tmp_path / "out.mcap")

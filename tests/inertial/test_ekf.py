@@ -46,9 +46,7 @@ def test_the_transition_equals_differences():
     stamps = np.arange(-20, 140, 5) * 1_000_000
     rng = np.random.default_rng(3)
     buffer = SampleBuffer(UNIT)
-    buffer.add(
-        ImuSamples(stamps, rng.normal(0, 0.3, (len(stamps), 3)), rng.normal([0, 9.8, 0], 1, (len(stamps), 3)))
-    )
+    buffer.add(ImuSamples(stamps, rng.normal(0, 0.3, (len(stamps), 3)), rng.normal([0, 9.8, 0], 1, (len(stamps), 3))))
     state = np.r_[0.4, -0.3, 0.8, 0.5, 9.7, 1.0, rng.normal(0, 0.01, 6), 0.01, 0.02, -0.01, 0.03, 1e-3]
     interval = Interval.of(buffer.between(0, 100_000_000, 1e-3), UNIT, state, np.ones(3))
 

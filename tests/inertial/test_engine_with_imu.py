@@ -77,9 +77,7 @@ def test_samples_make_it_better_and_say_what_is_down(frames, samples):
     images, poses = frames
     without, with_imu = run(images), run(with_samples(images, samples))
     assert all(e.status == sfm.Status.OK for e in with_imu[1:])
-    assert rotation_error(with_imu, poses) < max(
-        rotation_error(without, poses), 1.5e-4
-    )  # a wall shows it to 0.1 mrad
+    assert rotation_error(with_imu, poses) < max(rotation_error(without, poses), 1.5e-4)  # a wall shows it to 0.1 mrad
     last = with_imu[-1].inertial
     tilt = np.linalg.norm(np.cross(last.gravity / np.linalg.norm(last.gravity), poses[-1][:3, :3].T @ DOWN))
     assert tilt < 4 * last.std_tilt_rad and last.std_tilt_rad < 0.05

@@ -143,9 +143,7 @@ WRONG_FROM_THE_START: dict[str, Fault] = {
         ),  # surprising intervals have a larger variance, which must not hide the noise
     ],
 )
-def test_the_tilt_of_a_unit_that_is_wrong_from_the_start_is_within_its_sigma(
-    name: str, seed: int, frames: int
-) -> None:
+def test_the_tilt_of_a_unit_that_is_wrong_from_the_start_is_within_its_sigma(name: str, seed: int, frames: int) -> None:
     fault = WRONG_FROM_THE_START[name]
     poses, observations = zip(*observed(seed, frames), strict=True)
     wrong = [replace(o, inertial=replace(o.inertial, samples=fault(o.inertial.samples))) for o in observations]
@@ -155,9 +153,7 @@ def test_the_tilt_of_a_unit_that_is_wrong_from_the_start_is_within_its_sigma(
 
 def test_the_tilt_counts_once_samples_have_agreed_for_a_second() -> None:
     _, observations = zip(*observed(21, 45), strict=True)
-    found = [
-        e.inertial.std_tilt_rad for e in run(REFERENCE, PROJECTION, observations)[1:] if e.inertial is not None
-    ]
+    found = [e.inertial.std_tilt_rad for e in run(REFERENCE, PROJECTION, observations)[1:] if e.inertial is not None]
     assert min(found[:18]) >= 1 and max(found[24:]) < 0.05
 
 

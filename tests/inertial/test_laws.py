@@ -53,9 +53,7 @@ def by_runge_kutta(seconds, gyro, accel, rate_hz=10_000):
         k2 = rates(t + h / 2, q + h / 2 * k1[0], v + h / 2 * k1[1])
         k3 = rates(t + h / 2, q + h / 2 * k2[0], v + h / 2 * k2[1])
         k4 = rates(t + h, q + h * k3[0], v + h * k3[1])
-        q, v, p = (
-            x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in zip((q, v, p), k1, k2, k3, k4, strict=True)
-        )
+        q, v, p = (x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in zip((q, v, p), k1, k2, k3, k4, strict=True))
         q = q / np.linalg.norm(q)
     return Rotation.from_quat(q).as_matrix(), v, p
 

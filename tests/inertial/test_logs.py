@@ -89,9 +89,7 @@ def test_chains_of_kalibr_and_openvins_with_the_noise_beside(tmp_path, key):
     poses = poses if key == "T_cam_imu" else [se3.inverse(p) for p in poses]
     chain = "".join(f"cam{n}:{camera(key, pose, False)}" for n, pose in enumerate(poses))
     (tmp_path / "camchain.yaml").write_text(chain)
-    (tmp_path / "imu.yaml").write_text(
-        "imu0:\n  accelerometer_noise_density: 0.02\n  gyroscope_noise_density: 0.001\n"
-    )
+    (tmp_path / "imu.yaml").write_text("imu0:\n  accelerometer_noise_density: 0.02\n  gyroscope_noise_density: 0.001\n")
     for where in (tmp_path, [tmp_path / "camchain.yaml", tmp_path / "imu.yaml"]):
         found = sfm.StereoRig.from_calibration(where)
         assert np.allclose(found.imu.cam_from_imu, CAM_FROM_IMU, atol=1e-9) and found.imu.accel_noise == 0.02

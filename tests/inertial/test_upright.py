@@ -102,9 +102,7 @@ def test_the_map_frame_of_ros_is_upright_by_each_frames_gravity(upright):
         gravity = estimate.inertial.gravity
         assert np.allclose(turn @ gravity / np.linalg.norm(gravity), [0, 0, -1], atol=1e-9)
         about_z_last = np.reshape(message.pose.covariance, (6, 6))[3:5, 3:5]
-        assert np.sqrt(np.linalg.eigvalsh(about_z_last)[-1]) == pytest.approx(
-            estimate.inertial.std_tilt_rad, rel=1e-3
-        )
+        assert np.sqrt(np.linalg.eigvalsh(about_z_last)[-1]) == pytest.approx(estimate.inertial.std_tilt_rad, rel=1e-3)
 
 
 def test_the_other_results_are_the_same_bytes(logs, upright, tmp_path):

@@ -123,9 +123,7 @@ def test_right_stamps_that_are_off(path, frames, period_ms, offset_ms):
 
 
 def test_the_wrong_calibration(path, frames):
-    turned = [
-        replace(c, R=cv2.Rodrigues(np.array([x, 0.0, 0.0]))[0]) for c, x in zip(INFOS, (0.0, 0.02), strict=True)
-    ]
+    turned = [replace(c, R=cv2.Rodrigues(np.array([x, 0.0, 0.0]))[0]) for c, x in zip(INFOS, (0.0, 0.02), strict=True)]
     (problem,) = inspect_log(write(path, frames, turned))["problems"]
     assert "rows of left and right" in problem and "give the calibration of these cameras" in problem
 

@@ -76,9 +76,7 @@ def test_estimates(replayed):
     with (replayed / "estimates.mcap").open("rb") as stream:
         reader = make_reader(stream)
         summary = reader.get_summary()
-        found = [
-            [c.topic, c.message_encoding, summary.schemas[c.schema_id].name] for c in summary.channels.values()
-        ]
+        found = [[c.topic, c.message_encoding, summary.schemas[c.schema_id].name] for c in summary.channels.values()]
         assert sorted(found) == sorted([cell.strip("`") for cell in row[:3]] for row in topics)
         decoded = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
         last = {channel.topic: message for _, channel, _, message in decoded}

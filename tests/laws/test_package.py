@@ -20,9 +20,7 @@ PACKAGE = Path(stream_sfm.__file__).parent
 RUN_OTHER_PROGRAMS = ("batch/job.py", "viewer/recording.py")  # ours, and Rerun
 
 
-@pytest.mark.parametrize(
-    ("page", "pattern"), [("CHANGELOG.md", r"^## (\S+)"), ("CITATION.cff", r"^version: (\S+)$")]
-)
+@pytest.mark.parametrize(("page", "pattern"), [("CHANGELOG.md", r"^## (\S+)"), ("CITATION.cff", r"^version: (\S+)$")])
 def test_the_version_is_the_same_everywhere(page, pattern):
     found = re.search(pattern, (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE)
     assert found and found[1] == stream_sfm.__version__ == version("stream-sfm")
@@ -106,13 +104,9 @@ def test_a_plain_install_replays_and_reads_results(tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stderr
 
 
-def test_what_needs_the_extra_study_says_so_before_it_begins(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_needs_the_extra_study_says_so_before_it_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stream_sfm.errors.find_spec", lambda name: None if name == "matplotlib" else name)
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
-        "optional-dependencies"
-    ]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     assert {Requirement(name).name for name in extras["study"]} == set(STUDY)
     for begin in (
         lambda: stream_sfm.compare(ROOM, tmp_path / "a"),

@@ -16,9 +16,7 @@ from tests.laws.test_imports import LEVEL
 from tools.ablation import RULES
 from tools.bench_jobs import stages
 
-PAGES = sorted(
-    p for folder in ("", "docs", "examples", "logs", "tests", "tools") for p in (ROOT / folder).glob("*.md")
-)
+PAGES = sorted(p for folder in ("", "docs", "examples", "logs", "tests", "tools") for p in (ROOT / folder).glob("*.md"))
 CODE = sorted(path for kind in ("py", "cpp", "hpp") for path in (ROOT / "stream_sfm").rglob(f"*.{kind}"))
 MATHEMATICS = (ROOT / "docs/mathematics.md").read_text(encoding="utf-8")
 NUMBERED = re.compile(r"^    .*\((\d+)\)$", re.MULTILINE)  # an equation stands alone, its number at the end
@@ -162,9 +160,7 @@ def test_the_log_profile_lists_every_encoding():
     told = set()
     for name in re.findall(r"`([^`]+)`", line):
         options = [
-            re.findall(r"[^,{}]+", part) if "{" in part else [part]
-            for part in re.split(r"(\{[^}]*\})", name)
-            if part
+            re.findall(r"[^,{}]+", part) if "{" in part else [part] for part in re.split(r"(\{[^}]*\})", name) if part
         ]
         told |= {"".join(parts).lower() for parts in product(*options)}
     assert set(RAW_ENCODINGS) | set(COMPRESSED_FORMATS) <= told

@@ -134,9 +134,7 @@ def test_command_runs(command, user, monkeypatch, capsys):
 def test_the_first_command_prints_what_the_quickstart_shows(user, monkeypatch, capsys):
     """Apart from the numbers, which depend on the machine and on the version."""
     monkeypatch.chdir(user)
-    shown = re.search(
-        r"```sh\nstream-sfm (replay \S+)\n```\n\n```\n(.*?)```", PAGES["docs/quickstart.md"], re.DOTALL
-    )
+    shown = re.search(r"```sh\nstream-sfm (replay \S+)\n```\n\n```\n(.*?)```", PAGES["docs/quickstart.md"], re.DOTALL)
     assert shown
     before = set(user.glob("runs/demo-*"))
     assert main(shown[1].split()) == 0

@@ -44,9 +44,7 @@ def test_without_a_repository_the_readme_is_as_it_is(monkeypatch: pytest.MonkeyP
 def test_what_the_core_contains_of_others_is_acknowledged() -> None:
     notice = (ROOT / "NOTICE").read_text(encoding="utf-8")
     assert "Wenzel Jakob" in notice and "Tessil" in notice
-    assert Requirement("nanobind>=3.0").name in (ROOT / "stream_sfm/core/CMakeLists.txt").read_text(
-        encoding="utf-8"
-    )
+    assert Requirement("nanobind>=3.0").name in (ROOT / "stream_sfm/core/CMakeLists.txt").read_text(encoding="utf-8")
 
 
 def test_the_site_has_a_place_for_every_page() -> None:

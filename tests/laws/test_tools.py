@@ -12,9 +12,7 @@ import pytest
 from stream_sfm.rig_model.terms import TERMS
 from tests.helpers.places import ROOT
 
-TOOLS = sorted(
-    path for path in (ROOT / "tools").glob("*.py") if "ArgumentParser" in path.read_text(encoding="utf-8")
-)
+TOOLS = sorted(path for path in (ROOT / "tools").glob("*.py") if "ArgumentParser" in path.read_text(encoding="utf-8"))
 
 
 _RUNNING = """

@@ -36,13 +36,10 @@ def test_the_messages_are_those_of_the_mcap_library(path: Path, container: str) 
     write_log(path, Spec(), **CONTAINERS[container])
     with path.open("rb") as stream:
         expected = [
-            (s.name, c.topic, m.log_time, m.data)
-            for s, c, m in make_reader(stream).iter_messages(log_time_order=False)
+            (s.name, c.topic, m.log_time, m.data) for s, c, m in make_reader(stream).iter_messages(log_time_order=False)
         ]
     damage = Damage()
-    found = [
-        (m.channel.schema_name, m.channel.topic, m.log_time_ns, m.data) for m in LogFile(path).messages(damage)
-    ]
+    found = [(m.channel.schema_name, m.channel.topic, m.log_time_ns, m.data) for m in LogFile(path).messages(damage)]
     assert found == expected and len(found) == 26
     assert damage.complete and not damage.notes and damage.bytes_read == path.stat().st_size
 

@@ -68,8 +68,6 @@ def test_a_camera_at_rest_before_which_something_moves_is_not_torn() -> None:
 
 def test_a_bonnet_that_is_the_same_in_all_images_is_not_torn() -> None:
     """Simulators have no noise, so that a vehicle's own body is equal in all frames, also after a rest."""
-    seen = [
-        tuple(spliced(image, bonnet, 180) for image, bonnet in zip(f, NOW, strict=True)) for f in (FIRST, BEFORE)
-    ]
+    seen = [tuple(spliced(image, bonnet, 180) for image, bonnet in zip(f, NOW, strict=True)) for f in (FIRST, BEFORE)]
     assert note(*seen, seen[0]) == ""
     assert note(seen[0], seen[0], seen[1]) == ""

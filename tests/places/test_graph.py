@@ -31,9 +31,7 @@ def test_motions_with_common_errors_compose_as_their_sum_says() -> None:
     """`then` and `back` against the motions composed with other common errors, to first order."""
     rng = np.random.default_rng(1)
     zero, cov = np.zeros(COMMON), np.eye(COMMON)
-    a, b = (
-        Motion(se3.exp(0.3 * rng.normal(size=6)), np.eye(6), rng.normal(size=(6, COMMON)), zero, cov) for _ in "ab"
-    )
+    a, b = (Motion(se3.exp(0.3 * rng.normal(size=6)), np.eye(6), rng.normal(size=(6, COMMON)), zero, cov) for _ in "ab")
 
     def pose(motion: Motion, c: np.ndarray) -> np.ndarray:
         return motion.given(c, cov).earlier_from_newest
@@ -67,9 +65,7 @@ def closed(rng: np.random.Generator, false: int = 0) -> tuple[PoseGraph, np.ndar
     """A circle whose motions have errors of their own and in common, with loops; the last `false` ones are false."""
     truth, graph = circle(), PoseGraph()
     assert [*followed(graph, rng, rng.normal(size=COMMON), 2e-3)] == list(range(1, NODES))
-    ends = [
-        (k, NODES - 5 + k, noisy(se3.inverse(truth[k]) @ truth[NODES - 5 + k], LOOP_STD, rng)) for k in range(4)
-    ]
+    ends = [(k, NODES - 5 + k, noisy(se3.inverse(truth[k]) @ truth[NODES - 5 + k], LOOP_STD, rng)) for k in range(4)]
     ends += [(6, NODES - 1, se3.exp([0.4, 0, 0.3, 0, 0.2, 0]))] * false
     return graph, truth, [Loop(old, new, Motion(motion, np.diag(LOOP_STD**2))) for old, new, motion in ends]
 

@@ -109,9 +109,7 @@ def test_loops_take_the_drift_away(room: Room) -> None:
     assert len(places.loops) >= 3
     trajectory = path_of(run)
     corrected = places.corrected(trajectory)
-    before, after = (
-        np.linalg.norm((t.world_from_cam - room.truth)[:, :3, 3], axis=1) for t in (trajectory, corrected)
-    )
+    before, after = (np.linalg.norm((t.world_from_cam - room.truth)[:, :3, 3], axis=1) for t in (trajectory, corrected))
     assert before[-1] > 0.1 and after[-1] < before[-1] / 20
     assert np.sqrt((after**2).mean()) < np.sqrt((before**2).mean()) / 3
     end = places.world_from_odom @ run[-1][0].world_from_cam

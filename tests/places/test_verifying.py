@@ -29,9 +29,7 @@ def seen(wall: Wall, pose: np.ndarray, projection: StereoProjection) -> Seen:
     frame = wall.frame(stereo, pose, 0)
     u, v = (grid.ravel() for grid in np.meshgrid(np.linspace(20, 300, 10), np.linspace(20, 220, 8)))
     wall_from_cam = se3.inverse(wall.world_from_wall) @ pose
-    rays = np.stack(
-        [(u - projection.cx_left_px), (v - projection.cy_px), np.full(u.shape, projection.f_px)], axis=1
-    )
+    rays = np.stack([(u - projection.cx_left_px), (v - projection.cy_px), np.full(u.shape, projection.f_px)], axis=1)
     rays /= projection.f_px
     depth = -wall_from_cam[2, 3] / (rays @ wall_from_cam[2, :3])
     points = rays * depth[:, None]
@@ -63,9 +61,7 @@ def test_other_places_are_not_verified(projection: StereoProjection) -> None:
 def test_where_no_feature_matches_a_prediction_takes_the_place_of_it_and_proves_nothing(
     projection: StereoProjection,
 ) -> None:
-    first, second, other = (
-        seen(Wall(s), pose, projection) for s, pose in ((1, np.eye(4)), (1, SECOND), (2, SECOND))
-    )
+    first, second, other = (seen(Wall(s), pose, projection) for s, pose in ((1, np.eye(4)), (1, SECOND), (2, SECOND)))
     unlike = replace(first.keyframe, descriptors=255 - second.keyframe.descriptors[:1].repeat(20, axis=0))
     near = SECOND @ se3.exp([0.01, -0.01, 0, 0.002, 0, 0])
     verifier = Verifier(projection)
@@ -101,9 +97,7 @@ def test_matches_are_mutual() -> None:
     assert len(matches(a, a[:0])) == 0
 
 
-def resected(
-    lean_px: float, rng: np.random.Generator, projection: StereoProjection
-) -> tuple[PointViews, Resection]:
+def resected(lean_px: float, rng: np.random.Generator, projection: StereoProjection) -> tuple[PointViews, Resection]:
     """A motion by views of exact points with noise of STD_PX, of which upper ones are displaced along the row."""
     points = projection.triangulate(
         np.column_stack(

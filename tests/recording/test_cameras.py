@@ -208,9 +208,7 @@ def test_a_camera_is_estimated_recorded_and_its_recording_replays_to_the_same_by
     if name == "realsense":
         assert asked[-3] == "emitter_enabled 0"
     recorded = sfm.open_log(log)
-    assert np.allclose(
-        recorded.rig.right_from_left, rig().right_from_left, atol=1e-7
-    )  # RealSense has single floats
+    assert np.allclose(recorded.rig.right_from_left, rig().right_from_left, atol=1e-7)  # RealSense has single floats
     assert np.allclose(recorded.rig.left.K, rig().left.K)
     expected = pictures[1:] if name == "oak" else pictures  # whose right camera began later
     for frame, images in zip(recorded.frames(), expected, strict=True):
@@ -336,9 +334,7 @@ def test_a_camera_that_is_not_plugged_in_is_reported(
 
 def test_an_older_depthai_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, cli) -> None:
     monkeypatch.setitem(sys.modules, "depthai", Is(__version__="2.33.0.0"))
-    assert (
-        "oak needs depthai 3, and 2.33.0.0 is installed" in cli("live", "oak", "--out", tmp_path / "o", code=2).err
-    )
+    assert "oak needs depthai 3, and 2.33.0.0 is installed" in cli("live", "oak", "--out", tmp_path / "o", code=2).err
 
 
 def test_images_that_come_too_fast_are_recorded_and_reported(

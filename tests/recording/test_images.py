@@ -50,9 +50,7 @@ def test_bayer_patterns_are_distinguished(pattern):
     assert decode_grey(raw(f"bayer_{pattern}16", wide))[8, 8] == pytest.approx(256 * LUMA, abs=400)
 
 
-@pytest.mark.parametrize(
-    ("suffix", "flags"), [(".png", []), (".jpg", [cv2.IMWRITE_JPEG_QUALITY, 95]), (".webp", [])]
-)
+@pytest.mark.parametrize(("suffix", "flags"), [(".png", []), (".jpg", [cv2.IMWRITE_JPEG_QUALITY, 95]), (".webp", [])])
 def test_colour_files_become_grey_and_tell_their_size(suffix, flags):
     data = cv2.imencode(suffix, np.full((20, 30, 3), [BLUE, GREEN, RED], np.uint8), flags)[1].tobytes()
     message = ImageMessage("/c", 0, "c", True, suffix, data)

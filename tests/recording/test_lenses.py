@@ -72,8 +72,7 @@ def write(file, profile, images, infos, topics=RAW_TOPICS, transform=None):
 def views(stereo: StereoRig) -> list[tuple[np.ndarray, np.ndarray]]:
     wall, left_from_right = Wall(5), se3.inverse(stereo.right_from_left)
     return [
-        (through(wall, stereo.left, p), through(wall, stereo.right, p @ left_from_right))
-        for p in camera_path(FRAMES)
+        (through(wall, stereo.left, p), through(wall, stereo.right, p @ left_from_right)) for p in camera_path(FRAMES)
     ]
 
 

@@ -54,9 +54,7 @@ def test_a_definition_that_cannot_be_read_is_named(broken):
     ("encoding", "schema_encoding"), [("cbor", ""), ("flatbuffer", "flatbuffer"), ("cdr", "omgidl")]
 )
 def test_other_encodings_are_named_with_what_is_read(encoding, schema_encoding):
-    with pytest.raises(
-        LogError, match="are not supported; supported are protobuf, json, cdr with ros2msg or ros2idl"
-    ):
+    with pytest.raises(LogError, match="are not supported; supported are protobuf, json, cdr with ros2msg or ros2idl"):
         MessageDecoder("log.mcap").image(message("foxglove.RawImage", schema_encoding, "", encoding))
 
 

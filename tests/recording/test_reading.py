@@ -131,9 +131,7 @@ def test_usual_topic_names(device):
     assert (choice.left, choice.right) == topics
     inside = tuple(info.rsplit("/", 1)[0] + "/" for info in infos)
     of_others = {topic.rsplit("/", 1)[0] + "/camera_info" for topic in others if not topic.startswith(inside)}
-    assert [choose_calibration(topic, side, {*infos, *of_others}) for side, topic in enumerate(topics)] == list(
-        infos
-    )
+    assert [choose_calibration(topic, side, {*infos, *of_others}) for side, topic in enumerate(topics)] == list(infos)
 
 
 def test_selection_of_frames(path):

@@ -37,9 +37,7 @@ def test_a_program_that_fails_keeps_what_it_has_written(steps, tmp_path: Path) -
     assert not list((tmp_path / "run").glob("*.part"))
     with pytest.raises(sfm.OutputError, match="is closed; write to a new ResultFolder"):
         folder.write(*steps[0])
-    with pytest.raises(
-        sfm.OutputError, match=r"of type StereoFrame cannot be written; give write\(estimate, frame\)"
-    ):
+    with pytest.raises(sfm.OutputError, match=r"of type StereoFrame cannot be written; give write\(estimate, frame\)"):
         folder.write(*reversed(steps[0]))
 
 

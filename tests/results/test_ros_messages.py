@@ -13,6 +13,4 @@ def test_definitions_are_read_as_rosbags_reads_them() -> None:
     for name, text in texts.items():
         assert known[name] == get_types_from_msg(text, name)[name], name
     kinds = {of[0] for _, fields in (known[name] for name in texts) for _, of in fields}
-    assert len(kinds) == 4 and any(
-        constants for constants, _ in (known[name] for name in texts)
-    )  # all that there are
+    assert len(kinds) == 4 and any(constants for constants, _ in (known[name] for name in texts))  # all that there are

@@ -101,9 +101,7 @@ def test_a_likely_size_is_an_average_by_the_likelihood_of_each(errors: float) ->
 
 def test_a_likely_size_does_not_depend_on_the_size_so_far() -> None:
     views = Views(5, SIZE, 0.5)
-    small, large = (
-        likely_sizes(*views.posterior(size), size)[0] for size in (with_size(0, 0.1), with_size(0, 3.0))
-    )
+    small, large = (likely_sizes(*views.posterior(size), size)[0] for size in (with_size(0, 0.1), with_size(0, 3.0)))
     assert small == pytest.approx(large, rel=1e-6)
 
 
@@ -123,9 +121,7 @@ def test_a_share_of_the_information_of_views_counts_for_the_odds(std: float, err
 @pytest.mark.parametrize("refocused", [True, False])
 @pytest.mark.parametrize("trusted", [True, False])
 @pytest.mark.parametrize(("std", "errors"), [(0.5, 1.0), (8.0, 0.0), (30.0, 1.0), (0.5, 0.0)])
-def test_a_mixture_has_the_moments_of_its_two_halves(
-    std: float, errors: float, trusted: bool, refocused: bool
-) -> None:
+def test_a_mixture_has_the_moments_of_its_two_halves(std: float, errors: float, trusted: bool, refocused: bool) -> None:
     """Lenses that are wrong with the probability from their likelihood; all other errors are in both halves.
 
     Wrong lenses have errors in all terms, or, one in twenty, in a single one; this is judged over all combinations of

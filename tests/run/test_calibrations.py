@@ -99,9 +99,7 @@ def mean_nees(frames: list[sfm.StereoFrame], kind: str, sign: int, exact: bool) 
 
 
 @pytest.mark.parametrize(("kind", "sign"), [(kind, (-1) ** n) for n, kind in enumerate(KINDS)])
-def test_a_wrong_calibration_leaves_the_covariance_true(
-    frames: list[sfm.StereoFrame], kind: str, sign: int
-) -> None:
+def test_a_wrong_calibration_leaves_the_covariance_true(frames: list[sfm.StereoFrame], kind: str, sign: int) -> None:
     """6 is expected of the mean NEES, and 12 is √2 in σ; taken for exact the same calibration has up to 59 000."""
     assert mean_nees(frames, kind, sign, exact=False) < 12
     if kind in ("yaw", "right centre x", "baseline"):  # so the bound can fail

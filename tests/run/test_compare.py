@@ -225,9 +225,7 @@ def test_a_method_fails_alone_whatever_it_raises(
     assert len(failed) == 2 and len(whole) == 5 and not result.report["complete"]
 
 
-def test_one_method_that_fails_does_not_cost_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli
-) -> None:
+def test_one_method_that_fails_does_not_cost_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli) -> None:
     """Nothing is written without a folder; a sink is given no estimate of another method."""
     works = FrameToFrame.step
 

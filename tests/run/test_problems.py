@@ -26,9 +26,7 @@ def frames() -> list[StereoFrame]:
     return Wall(5).frames(STEREO, camera_path(8))
 
 
-def write(
-    path: Path, frames: list[StereoFrame], baseline_m: float = STEREO.baseline_m, stamped: bool = True
-) -> Path:
+def write(path: Path, frames: list[StereoFrame], baseline_m: float = STEREO.baseline_m, stamped: bool = True) -> Path:
     """A log of these frames, with the calibration of the wall's rig except for the baseline."""
     log = LogWriter(path)
     for i, frame in enumerate(frames):

@@ -44,9 +44,7 @@ def test_they_come_back_as_they_were(stored) -> None:
     for _ in range(2):
         for back, was in zip(stored, kept, strict=True):
             for name in ("track_ids", "z_px", "cov_px"):
-                assert np.array_equal(
-                    getattr(back.observations, name), getattr(was.observations, name), equal_nan=True
-                )
+                assert np.array_equal(getattr(back.observations, name), getattr(was.observations, name), equal_nan=True)
             assert back.observations.rig.model is lane.observer._frontend.rig and back.timings_ms == was.timings_ms
             assert np.array_equal(back.observations.lasting.inflation, was.observations.lasting.inflation)
             ids = was.observations.track_ids

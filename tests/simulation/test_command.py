@@ -48,9 +48,7 @@ def test_writes_results_tables_and_figures(experiment, short, tmp_path, cli):
     check_pictures({path.name: path for path in tmp_path.glob("figure6.*")}, experiment)
     page = (tmp_path / "report.html").read_text()
     assert ("<svg" in page) == (experiment != "consistency") and "<table" in page
-    assert "_" not in re.sub(
-        r"<(style|script|svg).*?</\1>|<[^>]*>|stream_sfm", "", page, flags=re.DOTALL
-    )  # in words
+    assert "_" not in re.sub(r"<(style|script|svg).*?</\1>|<[^>]*>|stream_sfm", "", page, flags=re.DOTALL)  # in words
     check_tables(report, tmp_path)
 
 

@@ -143,14 +143,10 @@ def test_a_trajectory_of_tartanair(tmp_path, names):
     for name in names[:2]:  # the images cut short of their poses, at the front
         next((tmp_path / "P001" / name).glob("000000_*")).unlink()
     log = sfm.open_log(tmp_path / "P001")
-    assert len(list(log.frames())) == 2 and "3 poses for 2 images: 2 belong together" in " ".join(
-        log.stats.warnings
-    )
+    assert len(list(log.frames())) == 2 and "3 poses for 2 images: 2 belong together" in " ".join(log.stats.warnings)
     np.testing.assert_allclose(log.ground_truth().world_from_cam, expected[1:], atol=1e-9)
     (tmp_path / "P001" / names[2]).write_text("\n".join(text.split("\n")[:2]))  # and the poses, at the end
-    np.testing.assert_allclose(
-        sfm.open_log(tmp_path / "P001").ground_truth().world_from_cam, expected[1:2], atol=1e-9
-    )
+    np.testing.assert_allclose(sfm.open_log(tmp_path / "P001").ground_truth().world_from_cam, expected[1:2], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -263,9 +259,7 @@ def test_folders_whose_names_differ_in_the_side_only(tmp_path, sides, inner):
     assert is_recording(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "form", ["left_{}.png", "{}_left.png", "left{}.png", "{}_L.png", "cam0_{}.png", "{}_cam0.png"]
-)
+@pytest.mark.parametrize("form", ["left_{}.png", "{}_left.png", "left{}.png", "{}_L.png", "cam0_{}.png", "{}_cam0.png"])
 def test_files_of_both_sides_in_one_folder(tmp_path, form):
     right = form.replace("left", "right").replace("L", "R").replace("cam0", "cam1")
     for n in range(3):

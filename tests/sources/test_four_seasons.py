@@ -39,9 +39,7 @@ def write_four_seasons(root: Path) -> np.ndarray:
     ]
     header = "# frame_id, t_x, t_y, t_z, q_x, q_y, q_z, w, scale, fusion_quality"
     (recording / "GNSSPoses.txt").write_text("\n".join([header, *rows, ""]))
-    (recording / "imu.txt").write_text(
-        "".join(f"{STAMPS_NS[0] + n * 500_000} 0 0.1 0 0 0 9.81\n" for n in range(200))
-    )
+    (recording / "imu.txt").write_text("".join(f"{STAMPS_NS[0] + n * 500_000} 0 0.1 0 0 0 9.81\n" for n in range(200)))
     (recording / "Transformations.txt").write_text(
         "# transform_S_AS: translation vector, rotation quaternion\n0,0,0,0,0,0,1\n\n"
         "# TS_cam_imu: translation vector, rotation quaternion\n"

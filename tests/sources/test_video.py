@@ -73,9 +73,7 @@ def test_packets_of_mpeg_ts(pairs: Pairs, tmp_path: Path) -> None:
         with av.open(str(tmp_path / f"{side}.ts"), "w") as container:
             stream = container.add_stream("mpeg2video", rate=25, options={"qscale": "1", "g": "1"})
             stream.height, stream.width = pairs[0][n].shape
-            pictures = [
-                av.VideoFrame.from_ndarray(pair[n], format="gray").reformat(format="yuv420p") for pair in pairs
-            ]
+            pictures = [av.VideoFrame.from_ndarray(pair[n], format="gray").reformat(format="yuv420p") for pair in pairs]
             for picture in (*pictures, None):
                 container.mux(stream.encode(picture))
     log = sfm.open_log(tmp_path, calibration=rig())

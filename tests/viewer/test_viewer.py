@@ -30,9 +30,7 @@ def _run(rrd, compressed: bool, places=None):
     viewer = sfm.open_viewer(rig(), rrd, ground_truth=truth)
     for frame in Wall(3).frames(rig(), camera_path(4)):
         if compressed:
-            frame = replace(
-                frame, pictures=tuple(cv2.imencode(".png", image)[1].tobytes() for image in frame.images)
-            )
+            frame = replace(frame, pictures=tuple(cv2.imencode(".png", image)[1].tobytes() for image in frame.images))
         viewer.write(engine.step(frame), frame)
     if places is not None:
         viewer.show_map(places)

@@ -59,9 +59,7 @@ def tracked_files() -> list[str]:
     """Return the files of this repository that git tracks and that are there; none if it is no repository."""
     if not (in_place.ROOT / ".git").exists() or shutil.which("git") is None:
         return []
-    listed = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=in_place.ROOT, check=True, capture_output=True, text=True
-    )
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=in_place.ROOT, check=True, capture_output=True, text=True)
     return [name for name in listed.stdout.split("\0") if name and (in_place.ROOT / name).is_file()]
 
 

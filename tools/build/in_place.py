@@ -36,9 +36,7 @@ def build() -> None:
         if checkout.is_current(str(SOURCES), checkout.mark_of(str(SOURCES))):
             return
         began_s = time.monotonic()
-        _say(
-            f"the compiled core is {'not that of its sources' if module().exists() else 'not built yet'}: {_plan()}"
-        )
+        _say(f"the compiled core is {'not that of its sources' if module().exists() else 'not built yet'}: {_plan()}")
         configure_and_build(folder)
         built = folder / module().name
         part = module().with_suffix(f".{os.getpid()}")

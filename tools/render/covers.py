@@ -51,9 +51,7 @@ def _dirt(dirt: Dirt, side: int, size_px: tuple[int, int]) -> Layer:
     for _ in range(dirt.spots):
         at = rng.uniform((0.0, 0.0), size_px)
         axes = dirt.share * width * rng.uniform(0.3, 0.6, 2)
-        cv2.ellipse(
-            opacity, (tuple(at), tuple(2 * axes), float(rng.uniform(0, 180))), float(rng.uniform(0.6, 1)), -1
-        )
+        cv2.ellipse(opacity, (tuple(at), tuple(2 * axes), float(rng.uniform(0, 180))), float(rng.uniform(0.6, 1)), -1)
     opacity = cv2.GaussianBlur(opacity, (0, 0), 0.15 * dirt.share * width)
     return opacity, np.full((height, width), 55, np.float32)
 

@@ -108,9 +108,7 @@ def crowd(width: int = 640, frames: int = 120, texel_m: float = 0.0025, seed: in
     path = smooth_path(
         [0, 3, 6], [(1.1, 2.9, 1.2), (1.6, 3.05, 1.22), (2.0, 3.1, 1.2)], [(0, -3, 0), (4, -2, 1), (1, -3, 0)]
     )
-    return Recording(
-        build_scene((*hall, *walkers), 21 + 100 * seed, texel_m), rig(width), frames, 20.0, path, bodies
-    )
+    return Recording(build_scene((*hall, *walkers), 21 + 100 * seed, texel_m), rig(width), frames, 20.0, path, bodies)
 
 
 def corridor(width: int = 640, frames: int = 200, texel_m: float = 0.0025, seed: int = 0) -> Recording:
@@ -126,9 +124,7 @@ def corridor(width: int = 640, frames: int = 200, texel_m: float = 0.0025, seed:
     at = [(1.0, 0.9, 1.2), (5.8, 0.85, 1.2), (6.8, 1.0, 1.2), (7.15, 1.9, 1.2), (7.2, 5.0, 1.2), (6.9, 5.9, 1.2),
           (6.0, 6.15, 1.2), (3.6, 6.1, 1.2)]  # fmt: skip
     look = [(0, 0, 0), (2, -1, 0), (40, 0, 0), (88, 0, 1), (91, 0, 0), (140, -1, 0), (178, 0, 0), (180, 0, 0)]
-    return Recording(
-        build_scene(boxes, 22 + 100 * seed, texel_m), rig(width), frames, 20.0, smooth_path(t, at, look)
-    )
+    return Recording(build_scene(boxes, 22 + 100 * seed, texel_m), rig(width), frames, 20.0, smooth_path(t, at, look))
 
 
 def motorway(width: int = 640, frames: int = 60, texel_m: float = 0.02, seed: int = 0) -> Recording:
@@ -196,9 +192,7 @@ def mirror(width: int = 640, frames: int = 60, texel_m: float = 0.0025, seed: in
         [(1.6, 2.4, 1.25), (2.4, 2.7, 1.25), (3.2, 2.9, 1.25)],
         [(4, 0, 0), (6, 0, 0), (2, 0, 0)],
     )
-    return Recording(
-        build_scene(furnished_hall(mirror=True), 26 + 100 * seed, texel_m), rig(width), frames, 20.0, path
-    )
+    return Recording(build_scene(furnished_hall(mirror=True), 26 + 100 * seed, texel_m), rig(width), frames, 20.0, path)
 
 
 def spin(width: int = 640, frames: int = 60, texel_m: float = 0.0025, seed: int = 0) -> Recording:

@@ -71,9 +71,7 @@ def measured(
                            [c.accel_noise, c.accel_walk, unit.std_accel_bias]], 3, axis=0).T  # fmt: skip
     n = rows.shape
     walk = np.cumsum(rng.normal(size=n), axis=0) * of_sensor[1] / np.sqrt(unit.rate_hz)
-    rows = (
-        rows + rng.normal(size=6) * of_sensor[2] + walk + rng.normal(size=n) * of_sensor[0] * np.sqrt(unit.rate_hz)
-    )
+    rows = rows + rng.normal(size=6) * of_sensor[2] + walk + rng.normal(size=n) * of_sensor[0] * np.sqrt(unit.rate_hz)
     ranges = np.repeat([c.gyro_range_rad_s, c.accel_range_m_s2], 3)
     rows = np.clip(rows, -ranges, ranges)
     jitter = rng.normal(size=len(times)) * unit.jitter_s

@@ -26,9 +26,7 @@ def _moving(at_m: ArrayLike, angles_deg: ArrayLike, frames: int) -> Callable[[fl
     return path
 
 
-def _on_wheels(
-    x: Array, y: Array, height_m: float, look_deg: float, rng: np.random.Generator
-) -> tuple[Array, Array]:
+def _on_wheels(x: Array, y: Array, height_m: float, look_deg: float, rng: np.random.Generator) -> tuple[Array, Array]:
     """Positions and angles (n, 3) along a line at equal steps, looking `look_deg` to the left, on an uneven floor."""
     along = np.concatenate([[0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     s = np.linspace(0, along[-1], 4000)
@@ -65,9 +63,7 @@ def block(width: int = 320, frames: int = 300, seed: int = 0) -> Recording:
         *((s * 8.2, y) for y in (-2, 2) for s in (-1, 1)),
     ]:
         size = tuple(rng.uniform((0.6, 0.6, 0.8), (1.4, 1.1, 2.2)))
-        boxes.append(
-            standing(x + rng.uniform(-0.6, 0.6), y, size, _SURFACES[rng.integers(5)], rng.uniform(-15, 15))
-        )  # type: ignore[arg-type]
+        boxes.append(standing(x + rng.uniform(-0.6, 0.6), y, size, _SURFACES[rng.integers(5)], rng.uniform(-15, 15)))  # type: ignore[arg-type]
     line = _ring(13, 9, 2.2, 2.0)
     path = _moving(*_on_wheels(*line, 1.4, 0, rng), frames)
     return Recording(build_scene(tuple(boxes), seed, 0.006), rig(width), frames, RATE_HZ, path)
@@ -168,6 +164,4 @@ def eight(width: int = 320, frames: int = 300, seed: int = 0) -> Recording:
     return Recording(build_scene(tuple(boxes), seed, 0.005), rig(width), frames, RATE_HZ, path)
 
 
-LOOPS: dict[str, Callable[..., Recording]] = {
-    maker.__name__: maker for maker in (block, office, mower, lanes, eight)
-}
+LOOPS: dict[str, Callable[..., Recording]] = {maker.__name__: maker for maker in (block, office, mower, lanes, eight)}

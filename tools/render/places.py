@@ -65,9 +65,7 @@ def _surface(rng: Rng) -> Painter:
     return SURFACES[rng.integers(len(SURFACES))]
 
 
-def _size(
-    rng: Rng, low: tuple[float, float, float], high: tuple[float, float, float]
-) -> tuple[float, float, float]:
+def _size(rng: Rng, low: tuple[float, float, float], high: tuple[float, float, float]) -> tuple[float, float, float]:
     x, y, z = rng.uniform(low, high).tolist()
     return x, y, z
 
@@ -107,9 +105,7 @@ def street(rng: Rng, repetition: bool) -> Site:
     for side in (-1, 1):
         for x in np.arange(-length / 2 + 3, length / 2 - 4, 13):
             front: list[Painter] = [bricks, bricks, unseen, unseen, unseen, unseen]
-            front[2 if side > 0 else 3] = (
-                strip if repetition else (bricks, wall(6), planks(135, 0.5))[rng.integers(3)]
-            )
+            front[2 if side > 0 else 3] = strip if repetition else (bricks, wall(6), planks(135, 0.5))[rng.integers(3)]
             size = (12.9, 4.0, 6.0) if repetition else _size(rng, (6, 4, 3), (10, 4, 7))
             at = float(x + 6), float(side * (width / 2 - rng.uniform(1, 2.5)))
             boxes.append(standing(*at, size, tuple(front)))

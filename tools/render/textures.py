@@ -166,8 +166,7 @@ def wall(pictures: int, base: float = 152.0) -> Painter:
             pw, ph = rng.uniform(0.35, 0.95), rng.uniform(0.35, 0.8)
             x, y = rng.uniform(0.1, w - pw - 0.1), rng.uniform(0.35, max(0.4, h - ph - 0.7))
             free = all(
-                x > a + aw + 0.1 or a > x + pw + 0.1 or y > b + bh + 0.1 or b > y + ph + 0.1
-                for a, b, aw, bh in placed
+                x > a + aw + 0.1 or a > x + pw + 0.1 or y > b + bh + 0.1 or b > y + ph + 0.1 for a, b, aw, bh in placed
             )
             if free and len(placed) < pictures:
                 placed.append((x, y, pw, ph))

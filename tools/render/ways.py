@@ -116,9 +116,7 @@ def vibrating(rng: Rng, site: Site, duration_s: float) -> Path:
 
 def _speed(rng: Rng, site: Site, duration_s: float, walked: bool) -> float:
     """Metres per second: of somebody who walks, of a car in a street, else of a small robot."""
-    wanted = (
-        rng.uniform(0.8, 1.5) if walked else rng.uniform(4, 13) if site.free_m[0] > 30 else rng.uniform(0.4, 1.5)
-    )
+    wanted = rng.uniform(0.8, 1.5) if walked else rng.uniform(4, 13) if site.free_m[0] > 30 else rng.uniform(0.4, 1.5)
     return float(min(wanted, 1.8 * site.free_m[0] / duration_s))
 
 
@@ -165,9 +163,7 @@ def stand(rng: Rng, site: Site, duration_s: float) -> Path:
     begin_s = duration_s * rng.uniform(0.5, 0.8) if rng.random() < 0.5 else 2 * duration_s
     ramp_s, speed = rng.uniform(*_RAMP_S), _speed(rng, site, duration_s, walked=False)
     gone_m = _distance(speed, ramp_s, duration_s, lambda t: t > begin_s)
-    return _along(
-        rng, site, lambda t: float(gone_m(t)), speed * max(1.0, duration_s - begin_s), speed, walked=False
-    )
+    return _along(rng, site, lambda t: float(gone_m(t)), speed * max(1.0, duration_s - begin_s), speed, walked=False)
 
 
 def stop_and_go(rng: Rng, site: Site, duration_s: float) -> Path:
@@ -203,9 +199,7 @@ def passers(
             direction = aside * rng.choice([-1, 1]) + ahead * rng.uniform(-0.4, 0.4)
             velocity = speed * direction / np.linalg.norm(direction)
             crossing = camera[:2, 3] + distance * ahead - at_s * velocity
-            apart = [
-                np.linalg.norm(crossing + t * velocity - path(t)[:2, 3]) for t in np.linspace(0, duration_s, 40)
-            ]
+            apart = [np.linalg.norm(crossing + t * velocity - path(t)[:2, 3]) for t in np.linspace(0, duration_s, 40)]
             if min(apart) > _NEAREST_M + size[0] / 2:
                 break
         else:

@@ -273,9 +273,7 @@ class World:
     @property
     def truth(self) -> str:
         """What was drawn, in a line."""
-        return (
-            f"{self.scene_truth}; faults: {'; '.join(f'{k}: {v.truth}' for k, v in self.faults.items()) or 'none'}"
-        )
+        return f"{self.scene_truth}; faults: {'; '.join(f'{k}: {v.truth}' for k, v in self.faults.items()) or 'none'}"
 
 
 def _size_told(fault: Fault) -> str:

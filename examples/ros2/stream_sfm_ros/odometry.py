@@ -40,9 +40,7 @@ class StereoOdometry:
     @property
     def topics(self) -> dict[str, str]:
         """Topics that the node publishes, and the types of their messages: those that every ROS 2 has."""
-        standard = {
-            topic: kind for topic, kind in self.messages.topics.items() if not kind.startswith("stream_sfm")
-        }
+        standard = {topic: kind for topic, kind in self.messages.topics.items() if not kind.startswith("stream_sfm")}
         return standard | {DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray"}
 
     def begin(self, rig: sfm.StereoRig) -> None:

@@ -104,9 +104,7 @@ def _zed_pose(document: Document, _: Document, size: Size | None) -> Array:
     return se3.from_rotation_translation(se3.exp_so3(turn), -np.array(t_mm) / 1000)
 
 
-def _zed_numbers(
-    document: Document, section: str, names: Sequence[str], missing: float | None = None
-) -> list[float]:
+def _zed_numbers(document: Document, section: str, names: Sequence[str], missing: float | None = None) -> list[float]:
     table = document.data.get(section)
     if not isinstance(table, Mapping):
         raise document.error(f"[{section}] is missing")

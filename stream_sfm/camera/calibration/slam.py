@@ -197,9 +197,7 @@ EUROC = Format(
     2,
     lambda data: "T_BS" in data and "intrinsics" in data,
     lambda calib, _, size: _lens(calib, calib.data, "", "distortion_coefficients", "plumb_bob"),
-    lambda left, right, _: (
-        se3.inverse(right.pose(right.data["T_BS"], "T_BS")) @ left.pose(left.data["T_BS"], "T_BS")
-    ),
+    lambda left, right, _: se3.inverse(right.pose(right.data["T_BS"], "T_BS")) @ left.pose(left.data["T_BS"], "T_BS"),
     imu=inertial.of_euroc,
 )
 BASALT = Format(

@@ -74,9 +74,7 @@ class Reduced:
     g_point: Array
 
     @classmethod
-    def eliminate(
-        cls, free: NDArray[np.bool_], u: Array, w: Array, v: Array, g: Array, g_point: Array
-    ) -> "Reduced":
+    def eliminate(cls, free: NDArray[np.bool_], u: Array, w: Array, v: Array, g: Array, g_point: Array) -> "Reduced":
         """Eliminate the points from U (n, n), W (p, 3, n), V (p, 3, 3). Raises LinAlgError if V is not definite."""
         root, reach = core.eliminate_points(v, w)
         flat = reach.reshape(3 * len(v), len(u))
@@ -186,9 +184,7 @@ class Problem:
             v, g_point = v + priors.information, g_point + matvec(priors.information, priors.mean - points)
         return Reduced.eliminate(free, u.reshape(n, n), w, v, of_poses[:, :6, 9].ravel(), g_point)
 
-    def minimum(
-        self, ref_from_cam: Array, points: Array, max_iterations: int, tolerance: float = 1e-10
-    ) -> Adjustment:
+    def minimum(self, ref_from_cam: Array, points: Array, max_iterations: int, tolerance: float = 1e-10) -> Adjustment:
         """Minimise by Gauss-Newton, with steps halved until they decrease the sum of squares.
 
         The iteration ends if the relative decrease is less than `tolerance`, if no step decreases the sum, which is the

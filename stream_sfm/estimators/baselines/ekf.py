@@ -116,9 +116,7 @@ class Ekf(TakesSamples, Baseline):
         h = np.zeros((len(used), 3, len(self._cov)))
         h[:, :, :6] = a @ se3.point_in_source_jacobian(in_cam)
         columns = self._own + 3 * used[:, None] + np.arange(3)
-        h[np.arange(len(used))[:, None, None], np.arange(3)[:, None], columns[:, None, :]] = (
-            a @ cam_from_world[:3, :3]
-        )
+        h[np.arange(len(used))[:, None, None], np.arange(3)[:, None], columns[:, None, :]] = a @ cam_from_world[:3, :3]
         return matvec(np.swapaxes(turn, 1, 2), apart).ravel(), h.reshape(3 * len(used), -1)
 
     def _predict(self, obs: Observations, cov_free: Array) -> Known | None:

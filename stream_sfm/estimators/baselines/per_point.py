@@ -145,9 +145,7 @@ class _PerPointWindow(Baseline):
             # the tolerance is a few hundredths of a σ at a thousand views
             result = problem.minimum(poses, self._points, self._config.window.max_iterations, tolerance=1e-6)
             self._points = result.points
-            self._window = [
-                changed(f, ref_from_cam=p) for f, p in zip(self._window, result.ref_from_cam, strict=True)
-            ]
+            self._window = [changed(f, ref_from_cam=p) for f, p in zip(self._window, result.ref_from_cam, strict=True)]
             dof = 2 * (views.information[:, [0, 2], [0, 2]] > 0).sum(axis=1)
             bad = result.squares > chi2_gates(dof, self._robust.gate_probability)
             if last or not bad.any():
@@ -203,9 +201,7 @@ class _PerPointWindow(Baseline):
     def _points_in_world(self) -> WorldPoints:
         """Return all points with their covariances in the world."""
         cov_points = self._covariances.cov_points
-        return WorldPoints(
-            self._ids, *points_to_world(self._world_from_ref, self._cov_ref, self._points, cov_points)
-        )
+        return WorldPoints(self._ids, *points_to_world(self._world_from_ref, self._cov_ref, self._points, cov_points))
 
     def _degrees_of_freedom(self) -> int:
         """Return measurements and priors less unknowns of the last solve."""

@@ -75,9 +75,7 @@ def _without_oldest(current: WindowState) -> tuple[WindowState, WhitenedViews]:
     )
 
 
-def with_rig_change(
-    current: WindowState, change: Callable[[RigState], tuple[RigState, Array, Array]]
-) -> WindowState:
+def with_rig_change(current: WindowState, change: Callable[[RigState], tuple[RigState, Array, Array]]) -> WindowState:
     """Return the state with other errors of the rig after the newest frame, by the function `change`.
 
     Earlier views have the old errors, so all frames of the window are absorbed.

@@ -147,9 +147,7 @@ class CrossFrame(TakesSamples):
             current = with_rejected(current, rejected)
         cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
         own = own_at_first(current, motion)
-        current = entered(
-            current, frame, cam_from_ref, views, _without_own(corrected_px, views, own), rejected, own
-        )
+        current = entered(current, frame, cam_from_ref, views, _without_own(corrected_px, views, own), rejected, own)
         current = placed_focus(current)
         passed_s = (observations.stamp_ns - current.all_frames[-2].stamp_ns) / 1e9
         current = with_second(current, motion, self.motion.std_speed * passed_s)
@@ -267,9 +265,7 @@ class CrossFrame(TakesSamples):
             inertial = self.inertia.placed(inertial, now.world_from_cam)
         return changed(current, read=now), inertial
 
-    def _report(
-        self, current: WindowState, observations: Observations, motion: Resection, iterations: int
-    ) -> Solution:
+    def _report(self, current: WindowState, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Return the Solution from the joint covariance, and give the pose to the motion model."""
         current, rig = judged_rig(current)
         self._is_ambiguous = motion.ambiguous is not None

@@ -61,9 +61,7 @@ def without_undetermined(current: WindowState) -> WindowState:
     if keep.all():
         return current
     points = points.keep(keep)
-    return changed(
-        current, points=points, views=changed(views, used=views.used & core.among(views.ids, points.ids))
-    )
+    return changed(current, points=points, views=changed(views, used=views.used & core.among(views.ids, points.ids)))
 
 
 def gated(current: WindowState, probability: float) -> WindowState:

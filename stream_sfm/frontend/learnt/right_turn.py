@@ -47,9 +47,7 @@ def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
     """Return an estimate in units of the terms, with a turn (3,) added for which the views were corrected."""
     turned = np.zeros(len(estimate.mean))
     turned[: len(TERMS)] = terms_of_turn(rig.projection) @ rad
-    return changed(
-        estimate, mean=estimate.mean + turned, mean_if_wrong=estimate.mean_if_wrong + turned, p_wrong=1.0
-    )
+    return changed(estimate, mean=estimate.mean + turned, mean_if_wrong=estimate.mean_if_wrong + turned, p_wrong=1.0)
 
 
 @record

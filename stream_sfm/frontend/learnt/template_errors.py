@@ -89,9 +89,7 @@ class TemplateErrors:
         """
         white, lasting = self.parts
         ratio = lasting / white
-        return white * core.view_inflation(
-            self.ages, self.rules.left_fraction * ratio, ratio, self.decay, self.rules
-        )
+        return white * core.view_inflation(self.ages, self.rules.left_fraction * ratio, ratio, self.decay, self.rules)
 
     def with_new(self, ids: NDArray[np.int64], apart_px: Array) -> "TemplateErrors":
         """Return the same with new points (n,), whose whole patch and inner half were matched `apart_px` (n,) apart."""

@@ -57,9 +57,7 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
     expected_px = p.project_homogeneous(tracks.points)[:, :2]
     before_half = as_exposed(state.previous, images, setup.rules.of(FlowRules))
     levels = setup.config.frontend.pyramid_levels
-    at_px, found = track(
-        aligner, setup.rules.of(FlowRules), before_half, images, tracks.left_px, expected_px, levels
-    )
+    at_px, found = track(aligner, setup.rules.of(FlowRules), before_half, images, tracks.left_px, expected_px, levels)
     state = changed(state, tracks=tracks.keep(found))
     n = len(state.tracks)
     by_flow = RoughMotion(np.eye(4), at_px[found], np.ones(n, bool), share=1.0)

@@ -112,9 +112,7 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float, rules: M
     return TwoView(pose, cov, agree, rho, var_rho, rules)
 
 
-def _refined(
-    start: Array, rays_first: Array, rays_now: Array, std_ray: float, rules: MonoRules
-) -> tuple[Array, Array]:
+def _refined(start: Array, rays_first: Array, rays_now: Array, std_ray: float, rules: MonoRules) -> tuple[Array, Array]:
     """Return the motion (4, 4) near a start that fits the rays best, and its covariance (6, 6)."""
     from scipy.optimize import least_squares  # takes a quarter of a second, and only one camera needs it
 
@@ -122,9 +120,7 @@ def _refined(
 
     def moved(x: Array) -> Array:
         direction = start[:3, 3] + x[3:] @ across
-        return se3.from_rotation_translation(
-            se3.exp_so3(x[:3]) @ start[:3, :3], direction / np.linalg.norm(direction)
-        )
+        return se3.from_rotation_translation(se3.exp_so3(x[:3]) @ start[:3, :3], direction / np.linalg.norm(direction))
 
     def distances(x: Array) -> Array:
         return _sampson(moved(x), rays_first, rays_now) / std_ray

@@ -64,8 +64,7 @@ def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> Ro
     if second is None:
         return rough
     size, second_size = (
-        np.linalg.norm(se3.log(m) / step.setup.std_acceleration)
-        for m in (rough.cam_from_previous, second.cam_from_ref)
+        np.linalg.norm(se3.log(m) / step.setup.std_acceleration) for m in (rough.cam_from_previous, second.cam_from_ref)
     )
     if size > second_size:
         near = changed(step, predicted=second.cam_from_ref, is_predicted=True)
@@ -85,9 +84,7 @@ def _second_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMoti
     alike = tracks.keep(rows[seen])
     points = alike.points, alike.cov_points(projection)
     cov_px = np.broadcast_to(rules.std_px**2 * np.eye(4), (len(alike), 4, 4))
-    views = PointViews(
-        projection, *points, CorrectedViews(alike_px[seen]), cov_px, step.setup.rules.of(RobustRules)
-    )
+    views = PointViews(projection, *points, CorrectedViews(alike_px[seen]), cov_px, step.setup.rules.of(RobustRules))
     motion = resect(views, np.eye(4), find_second=False)
     if not motion.ok or motion.share < rules.share or _is_refuted(step, tracks, rough, motion.cam_from_ref):
         return None

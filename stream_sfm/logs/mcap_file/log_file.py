@@ -35,9 +35,7 @@ class LogFile(Source):
 
     format = "MCAP"
 
-    def __init__(
-        self, path: str | Path, copy: str | None = None, release: Callable[[], object] | None = None
-    ) -> None:
+    def __init__(self, path: str | Path, copy: str | None = None, release: Callable[[], object] | None = None) -> None:
         self.path = Path(path)
         self._content = copy or self.path
         if release is not None:

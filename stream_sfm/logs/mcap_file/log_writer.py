@@ -17,9 +17,7 @@ class MessageWriter:
     `compressed`: by zstd, for messages that are not compressed themselves. Raises OutputError.
     """
 
-    def __init__(
-        self, path: str | Path, *, keep: bool = False, compressed: bool = False, profile: str = ""
-    ) -> None:
+    def __init__(self, path: str | Path, *, keep: bool = False, compressed: bool = False, profile: str = "") -> None:
         self.path = Path(path)
         self._channels: dict[Channel | tuple[object, ...], int] = {}  # by identity, and by content
         self._schemas: dict[tuple[str, str, bytes], int] = {("", "", b""): 0}

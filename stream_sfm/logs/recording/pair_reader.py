@@ -184,13 +184,9 @@ class PairReader:
                 self._by_log_time = all(zeros)
                 if self._by_log_time:
                     where = f"{self._source.path}: the images on {image.topic}"
-                    self.stats.warnings.append(
-                        f"{where} have no stamps (all are zero): their recording times are used"
-                    )
+                    self.stats.warnings.append(f"{where} have no stamps (all are zero): their recording times are used")
         known, self._first = self._first, []
-        return [
-            changed(image, stamp_ns=log_time_ns) if self._by_log_time else image for image, log_time_ns in known
-        ]
+        return [changed(image, stamp_ns=log_time_ns) if self._by_log_time else image for image, log_time_ns in known]
 
     def _finish(self) -> None:
         """Complete `stats`, wherever the reading ended."""

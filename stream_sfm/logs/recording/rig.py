@@ -101,9 +101,7 @@ def _error(problem: str, *hints: str) -> LogError:
     return LogError(f"{problem}; {REMEDY}", hint=(*hints, "calibration"))
 
 
-def rig_of_messages(
-    source: Source, survey: Survey, sent: Sequence[CalibrationMessage], rectified: bool
-) -> FoundRig:
+def rig_of_messages(source: Source, survey: Survey, sent: Sequence[CalibrationMessage], rectified: bool) -> FoundRig:
     """Return the rig from the messages `sent` by its cameras; `rectified`: their images are. Raises LogError."""
     if zero := [message.topic for message in sent if not (message.K.any() or message.P.any())]:
         raise _error(f"{source.path}: K and P of topic {zero[0]} are zero: this camera was not calibrated")

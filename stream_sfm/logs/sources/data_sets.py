@@ -92,9 +92,7 @@ def open_folder(folder: Path, given: Given) -> Source | None:
 
 
 def known_data_sets() -> list[str]:
-    return list(
-        dict.fromkeys(name for layout in LAYOUTS for name in (_FORM.sub("", layout.name), layout.also) if name)
-    )
+    return list(dict.fromkeys(name for layout in LAYOUTS for name in (_FORM.sub("", layout.name), layout.also) if name))
 
 
 def is_data_set(folder: Path) -> bool:

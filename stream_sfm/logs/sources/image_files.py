@@ -92,9 +92,7 @@ class ImageFilesSource(Source):
         self.notes = list(notes)
         left, right = ({image.stamp_ns for image in side} for side in images)
         if left and right and (min(left) > max(right) or min(right) > max(left)):
-            raise LogError(
-                f"{path}: the left and the right images are of different times: are they of one recording?"
-            )
+            raise LogError(f"{path}: the left and the right images are of different times: are they of one recording?")
         self.without_partner = len(left ^ right) if right else 0  # images
         self.size_bytes = sum(image.size_bytes for side in images for image in side)
 

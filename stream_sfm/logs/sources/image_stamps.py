@@ -90,6 +90,4 @@ def _ns(text: str) -> int:
 
 def _ascending(stamps_ns: Sequence[int]) -> bool:
     steps = [b - a for a, b in pairwise(stamps_ns)]
-    return (
-        stamps_ns[0] >= 0 and min(steps, default=1) > 0 and median(steps or [_LEAST_PERIOD_NS]) >= _LEAST_PERIOD_NS
-    )
+    return stamps_ns[0] >= 0 and min(steps, default=1) > 0 and median(steps or [_LEAST_PERIOD_NS]) >= _LEAST_PERIOD_NS

@@ -44,9 +44,7 @@ def supported() -> str:
     )
 
 
-def open_source(
-    path: str | Path, calibrated: bool = False, rate_hz: float | None = None, mono: bool = False
-) -> Source:
+def open_source(path: str | Path, calibrated: bool = False, rate_hz: float | None = None, mono: bool = False) -> Source:
     """Open the recording at `path`. Raises LogError if it cannot be read or is not a recording.
 
     `calibrated`: the calibration in a folder is not used, and may be broken; `rate_hz`: of images without stamps;

@@ -90,9 +90,7 @@ class FrameNumbers:
                 elif kind == 8:
                     self._sequence_of |= [(bits.number(255), bits.number(31))]
                 elif kind in (1, 5):
-                    return self._follow(
-                        bits, starts or kind == 5, is_key=kind == 5, is_reference=unit[0] & 0x60 > 0
-                    )
+                    return self._follow(bits, starts or kind == 5, is_key=kind == 5, is_reference=unit[0] & 0x60 > 0)
             except (_UnreadableError, KeyError):
                 self._last = None
         return self._complete

@@ -160,9 +160,7 @@ class _Pipe(io.BufferedIOBase):
 def _head(codec: bytes) -> bytes:
     """Return all that precedes the first frame: one video track, whose unit of time is a millisecond."""
     ebml = _element(0x1A45DFA3, _element(0x4282, b"matroska") + _element(0x4287, _number(2)))
-    size = _element(
-        0xE0, _element(0xB0, _number(16)) + _element(0xBA, _number(16))
-    )  # the real size is in the stream
+    size = _element(0xE0, _element(0xB0, _number(16)) + _element(0xBA, _number(16)))  # the real size is in the stream
     numbers = b"".join(_element(key, _number(1)) for key in (0xD7, 0x73C5, 0x83))  # of the track, and its kind
     track = _element(0x1654AE6B, _element(0xAE, numbers + _element(0x86, codec) + size))
     segment = (0x18538067).to_bytes(4, "big") + _UNKNOWN_SIZE.to_bytes(8, "big")

@@ -186,9 +186,7 @@ class Belief:
     def problem(self) -> str:
         """A sentence on what the samples do wrong."""
         if abs(self.log_ratio - np.log(_DEGREES)) < 0.5:
-            return (
-                "the IMU contradicts the images: its rates are some 57 times too high, are they degrees per second?"
-            )
+            return "the IMU contradicts the images: its rates are some 57 times too high, are they degrees per second?"
         return "the IMU contradicts the images"
 
 

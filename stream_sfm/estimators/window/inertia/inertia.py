@@ -73,9 +73,7 @@ class Inertia:
         Once they have agreed for long, a single contradicting frame shows a moving body.
         """
         belief = self._belief
-        return not (belief.is_out or belief.contradicted) and (
-            self._distance2 < self._rules.apart or belief.is_proven
-        )
+        return not (belief.is_out or belief.contradicted) and (self._distance2 < self._rules.apart or belief.is_proven)
 
     def take(self, view: InertialView | None, stamp_ns: int) -> None:
         """Add the samples that came with a frame, unless inertia is switched off; no sample is added twice."""
@@ -275,9 +273,7 @@ class Inertia:
         seconds = (frame.stamp_ns - expected.since_ns) / 1e9
         return Innovation.of(expected, motion.cam_from_ref, cov, frame.std_turn_rad, seconds)
 
-    def _learn_jitter(
-        self, found: Innovation, expected: ExpectedMotion, interval: Interval
-    ) -> tuple[float, Interval]:
+    def _learn_jitter(self, found: Innovation, expected: ExpectedMotion, interval: Interval) -> tuple[float, Interval]:
         """Learn the errors of stamps, and return the squared distance of the motions, and the interval, with them."""
         distance2, (late_s, var_s2) = found.distance2, found.as_time(expected.twist)
         self._jitter = self._jitter.after(late_s, max(var_s2 - interval.var_time, 0.0))

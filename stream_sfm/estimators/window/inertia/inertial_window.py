@@ -93,9 +93,7 @@ class InertialWindow:
         """Remove the oldest frame."""
         of_frames = self.velocities[1:], self.slides[1:], self.std_slides[1:]
         velocities, slides, std_slides = of_frames
-        return changed(
-            self, intervals=self.intervals[1:], velocities=velocities, slides=slides, std_slides=std_slides
-        )
+        return changed(self, intervals=self.intervals[1:], velocities=velocities, slides=slides, std_slides=std_slides)
 
     def leads(self, cams_from_ref: Array) -> tuple[Array, Array]:
         """Return the Jacobian (6F, 3F) of true poses by slides, and the true poses (F, 4, 4), without the slides."""
@@ -157,9 +155,7 @@ class InertialWindow:
         root = by_poses @ system.root[poses] + by_state @ (of_own @ system.root[at])
         by_rig = by_poses @ system.by_rig[poses]
         by_rig = by_rig + by_state @ (of_own @ system.by_rig[at] + of_rig)
-        left = (
-            self.eliminated.lead @ scaled_cholesky(self.eliminated.cov[slides, slides]) if f else np.zeros((0, 0))
-        )
+        left = self.eliminated.lead @ scaled_cholesky(self.eliminated.cov[slides, slides]) if f else np.zeros((0, 0))
         return np.concatenate([root, left], axis=1), by_rig
 
     def newest_mean(self, world_from_ref: Array, cams: Array, state: Array) -> tuple[Array, Array]:

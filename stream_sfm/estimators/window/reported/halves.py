@@ -74,9 +74,7 @@ def squares_of_halves(of: WindowState, rules: ReportedRules) -> Array:
     from_newest = of.cams_from_ref[:-1] @ se3.inverse(of.cams_from_ref[-1])
     with suppress(np.linalg.LinAlgError):
         parts = _poses_by(alone, _quarters(alone, alone.state, rules.halves_least), 4)
-        for kind, (first, second) in enumerate(
-            ((0, 1), (0, 2))
-        ):  # quarters of even tracks, and of those on the left
+        for kind, (first, second) in enumerate(((0, 1), (0, 2))):  # quarters of even tracks, and of those on the left
             third, fourth = (k for k in range(4) if k not in (first, second))
             with suppress(np.linalg.LinAlgError):
                 halves = _together(parts[first], parts[second]), _together(parts[third], parts[fourth])

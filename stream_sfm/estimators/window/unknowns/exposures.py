@@ -43,9 +43,7 @@ class ExposureClock:
             return stamps, self
         apart = ticks - ticks.mean()
         even = stamps.mean() + apart @ stamps / (apart @ apart) * apart  # the straight line that fits best
-        rough = [
-            np.sum((core.point_motions(cams_from_ref, t)[:, 1] / std_acceleration) ** 2) for t in (stamps, even)
-        ]
+        rough = [np.sum((core.point_motions(cams_from_ref, t)[:, 1] / std_acceleration) ** 2) for t in (stamps, even)]
         after = self if min(rough) <= 0 else ExposureClock(self.even + 0.5 * float(np.log(rough[0] / rough[1])))
         return even if after.even > 0 else stamps, after
 

@@ -125,9 +125,7 @@ class Ros1BagSource(Source):
                         yield from reader.read(stream, record, self.size_bytes)
                     except BrokenRecord as error:
                         if record.data_at + record.length <= self.size_bytes:  # else the cut has been noted
-                            damage.add(
-                                f"{self.path} at byte {record.offset}: a damaged record was skipped: {error}"
-                            )
+                            damage.add(f"{self.path} at byte {record.offset}: a damaged record was skipped: {error}")
         except OSError as error:  # a failing disk, or a lost network share
             damage.add(f"{self.path}: reading failed after byte {damage.bytes_read}: {error.strerror}")
 

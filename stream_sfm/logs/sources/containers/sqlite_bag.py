@@ -156,9 +156,7 @@ def connect(path: Path, option: str) -> sqlite3.Connection:
     """Return a connection to a database, which any thread may use."""
     uri = f"file:{quote(str(path.absolute()))}?{option}"
     database = sqlite3.connect(uri, uri=True, check_same_thread=False)
-    database.setlimit(
-        sqlite3.SQLITE_LIMIT_LENGTH, 2 * LIMITS.record_bytes
-    )  # of a row; each image has its own limit
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 2 * LIMITS.record_bytes)  # of a row; each image has its own limit
     return database
 
 
