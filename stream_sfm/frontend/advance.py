@@ -1,6 +1,7 @@
 """Advances the front-end to a frame: updates the tracks and all that is learnt from frames."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry import Array, se3
 from ..geometry.resection import Resection, SecondMotion
@@ -25,17 +26,22 @@ class Followed:
     """The result of following the tracks.
 
     The motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances `cov_px` (n, 4, 4) of the surviving
-    tracks, in the order of their table. `found`: all tracks that were found; `second`: an alternative motion that may
-    be the right one; `settled`: as in `Observations`. `blurred_px` (n,): σ of the slide by a change of sharpness.
+    tracks, in the order of their table; `blurred_px` (n,): σ of their slides by a change of sharpness. `found`: all
+    tracks that were found; `second`: an alternative motion that may be the right one; `settled`: as in `Observations`.
     """
 
     cam_from_previous: Array
     z_px: RawViews
     cov_px: Array
+    blurred_px: Array
     found: Found | None = None
     second: SecondMotion | None = None
     settled: bool = False
-    blurred_px: Array | float = 0.0
+
+    def keep(self, rows: NDArray[np.bool_]) -> "Followed":
+        """Return the result for some of the tracks, selected by a mask (n,)."""
+        views = RawViews(self.z_px[rows])
+        return changed(self, z_px=views, cov_px=self.cov_px[rows], blurred_px=self.blurred_px[rows])
 
 
 def learn(state: FrontEndState, seen: Seen, motion: Resection, twist: Array) -> FrontEndState:
@@ -74,7 +80,7 @@ def advance(
     )
     found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, step.samples_agree)
     blurred_px = _blurred_px(step, seen, motion)[rows]
-    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, second, settled, blurred_px)
+    return state, Followed(motion.cam_from_ref, seen_px, cov_px, blurred_px, found, second, settled)
 
 
 def _placed(

@@ -72,7 +72,7 @@ class Tracks:
             return self
         return Tracks(*columns_at(_COLUMNS(self), rows))
 
-    def drift_px(self, cam_from_previous: Array, slide_px: float, blurred_px: Array | float) -> Array:
+    def drift_px(self, cam_from_previous: Array, slide_px: float, blurred_px: Array) -> Array:
         """Return σ (n,) px of the template drift since the last frame, eqs. (17) and (17c).
 
         The warp models pose and depth, but not the whole surface. A change of viewing direction or distance by |t|/Z

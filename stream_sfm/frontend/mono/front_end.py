@@ -15,7 +15,6 @@ from ...config import Config, RigConfig
 from ...geometry import Array, se3
 from ...geometry.robust_rules import RobustRules
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection
-from ...geometry.view_stages import RawViews
 from ...pictures.content import image_note
 from ...pictures.prepared import PreparedImages
 from ...pictures.rules import ImageRules
@@ -104,8 +103,7 @@ class MonoFrontEnd:
         front = tracks.points[:, 3] > -KNOWN_DEPTH_SIGMAS * np.sqrt(tracks.var_rho)
         if front.mean() < self.setup.rules.of(MonoRules).min_in_front:
             return open_map(state, _LOST), None
-        followed = replace(followed, z_px=RawViews(followed.z_px[front]), cov_px=followed.cov_px[front])
-        return replace(state, tracks=tracks.keep(front)), followed
+        return replace(state, tracks=tracks.keep(front)), followed.keep(front)
 
     def _with_right_sides(
         self, state: FrontEndState, observed: Observations, followed: Followed

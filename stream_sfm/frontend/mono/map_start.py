@@ -83,4 +83,4 @@ def _begin(state: FrontEndState, found: TwoView, cov_px: Array) -> tuple[FrontEn
         map=changed(state.map, mapped=True, rho_scene=rho_scene, cov_start=found.cov_first_from_now),
     )
     z_px = np.concatenate([tracks.left_px, np.full((len(rho), 2), np.nan)], axis=1)
-    return state, Followed(cam_from_start, RawViews(z_px), cov_px[found.agree])
+    return state, Followed(cam_from_start, RawViews(z_px), cov_px[found.agree], np.zeros(len(z_px)))
