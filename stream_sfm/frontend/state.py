@@ -129,7 +129,7 @@ class FrontEndState:
     grey_bits: int = FEWEST_BITS
     previous: PreparedImages | None = None
     previous_ns: int = 0
-    copied: Copied | None = None
+    copied: Copied = Copied(None, None)
     tracks: Tracks = field(default_factory=Tracks.none)
     next_id: int = 0
     cam_from_start: Array = field(default_factory=lambda: np.eye(4))

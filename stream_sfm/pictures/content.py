@@ -28,7 +28,7 @@ def _edges(image: Image) -> float:
 def image_note(
     images: PreparedImages,
     previous: PreparedImages | None,
-    copied_before: Copied | None,
+    copied_before: Copied,
     n_tracked: int,
     n_in_both: int,
     enough: int,
