@@ -159,7 +159,8 @@ class StereoFrontEnd:
             state, z_new, cov_new = begin_points(self.setup, state, images)
         z_px = RawViews(np.concatenate([followed.z_px, z_new]))
         cov_px = np.concatenate([followed.cov_px, cov_new])
-        note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px, rules)
+        torn = state.torn(images, rules)
+        note, state = torn or self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px, rules)
         f_px, drifts_px = self.setup.projection.f_px, np.concatenate([drift_px, np.zeros(len(z_new))])
         return self._observed(
             state,
@@ -170,7 +171,7 @@ class StereoFrontEnd:
             std_slides=(drifts_px, turn_of_slides(drift_px, f_px, self.setup.rules.of(ErrorRules).alike)),
             cam_from_previous=followed.cam_from_previous,
             n_new=len(z_new),
-            ambiguity=_ambiguity(followed.second, state),
+            ambiguity=_ambiguity(followed.second, state, bool(torn)),
             settled=followed.settled,
         )
 
@@ -238,7 +239,7 @@ class StereoFrontEnd:
             return _LAID_OVER
         n_in_both = int(np.count_nonzero(np.isfinite(z_px[:, 2])))
         enough = self.setup.rules.of(RobustRules).min_inliers
-        return image_note(images, state.previous, state.copied, len(z_px), n_in_both, enough, rules)
+        return image_note(images, state.previous, len(z_px), n_in_both, enough, rules)
 
     def _turn_note(self, watch: TurnWatch | None) -> str:
         """Return the note that the right camera seems to have turned, or an empty string."""
@@ -270,9 +271,9 @@ def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Arr
     return changed(state.followed_from(images, stamp_ns, rules), pictures=pictures)
 
 
-def _ambiguity(second: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
-    """Return why a frame's motion may not be the camera's: another one may be, or left and right are inconsistent."""
-    misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
+def _ambiguity(second: SecondMotion | None, state: FrontEndState, torn: bool = False) -> Ambiguity | None:
+    """Return why a frame's motion may not be the camera's: another one may be, or its images are inconsistent."""
+    misfit, of_start = torn or bool(_misfit(state)), bool(state.start.problem)
     if second is not None:
         return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, second.lasted, of_start)
     return Ambiguity(misfit=True, of_start=of_start) if misfit else None

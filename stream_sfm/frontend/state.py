@@ -17,7 +17,7 @@ from ..geometry.stereo import StereoProjection
 from ..pictures.checks import Suspicions
 from ..pictures.prepared import PreparedImages
 from ..pictures.rules import ImageRules
-from ..pictures.torn import Copied, copied
+from ..pictures.torn import Copied, copied, torn
 from ..record import changed, record
 from .alignment import Aligners
 from .learnt.disparity_error import DisparityError
@@ -165,6 +165,10 @@ class FrontEndState:
         """Return the state after a frame from whose images the next one is followed."""
         rows = copied(images, self.previous, rules.slope_grey)
         return changed(self, previous=images.shrunk(), previous_ns=stamp_ns, copied=rows)
+
+    def torn(self, images: PreparedImages, rules: ImageRules) -> str:
+        """Return a note if the next images are torn, or an empty string."""
+        return torn(copied(images, self.previous, rules.slope_grey), self.copied)
 
     def lost(self) -> "FrontEndState":
         """Return the state without tracks, velocity, and what depends on these."""

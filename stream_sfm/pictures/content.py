@@ -6,7 +6,6 @@ import numpy as np
 from ..geometry.medians import median
 from .prepared import Image, PreparedImages
 from .rules import ImageRules
-from .torn import Copied, copied, torn
 
 
 def are_alike(images: PreparedImages, previous: PreparedImages, rules: ImageRules) -> bool:
@@ -28,7 +27,6 @@ def _edges(image: Image) -> float:
 def image_note(
     images: PreparedImages,
     previous: PreparedImages | None,
-    copied_before: Copied,
     n_tracked: int,
     n_in_both: int,
     enough: int,
@@ -36,15 +34,14 @@ def image_note(
 ) -> str:
     """Return what is wrong with the images, or an empty string.
 
-    `copied_before`: rows of the previous frame that are those of the one before it. `n_tracked` points are tracked in
-    the left image, and `n_in_both` of them are matched in the right one. If there are fewer than `enough`, the images
-    are examined for the cause.
+    `n_tracked` points are tracked in the left image, and `n_in_both` of them are matched in the right one. If there are
+    fewer than `enough`, the images are examined for the cause.
     """
     if n_in_both < enough:
         for name, image in (("left", images.left), ("right", images.right)):
             if problem := _without_contrast(image, rules.black_grey):
                 return f"the {name} image is {problem}"
-    if problem := frozen(images, previous) or torn(copied(images, previous, rules.slope_grey), copied_before):
+    if problem := frozen(images, previous):
         return problem
     if n_in_both >= enough:
         return ""

@@ -5,11 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import stream_sfm as sfm
 from stream_sfm.geometry import se3
 from stream_sfm.pictures.prepared import PreparedImages
 from stream_sfm.pictures.rules import ImageRules
 from stream_sfm.pictures.torn import copied, torn
-from tests.helpers.wall import Wall, rig
+from tests.helpers.estimators import nees
+from tests.helpers.wall import Wall, camera_path, rig
 
 SLOPE_GREY = ImageRules().slope_grey
 
@@ -73,3 +75,19 @@ def test_a_bonnet_that_is_the_same_in_all_images_is_not_torn() -> None:
     seen = [tuple(spliced(image, bonnet, 180) for image, bonnet in zip(f, NOW, strict=True)) for f in (FIRST, BEFORE)]
     assert note(*seen, seen[0]) == ""
     assert note(seen[0], seen[0], seen[1]) == ""
+
+
+def test_a_torn_frame_is_degraded_and_its_covariance_covers_the_truth() -> None:
+    stereo, poses = rig(), camera_path(20)
+    frames = list(Wall(2).frames(stereo, poses))
+    height = len(frames[0].left)
+    last, whole = frames[9], frames[10]
+    images = (spliced(getattr(last, of), getattr(whole, of), height // 2) for of in ("left", "right"))
+    frames[10] = sfm.StereoFrame(whole.stamp_ns, *images)
+    engine = sfm.Engine(stereo)
+    estimates = [engine.step(frame) for frame in frames]
+    assert all(e.status is sfm.Status.OK for e in estimates[1:10]) and estimates[-1].status is sfm.Status.OK
+    assert estimates[10].status is sfm.Status.DEGRADED
+    assert "was it read while it was written" in estimates[10].reason
+    errors = [nees(e.world_from_cam, e.cov_pose, p) for e, p in zip(estimates[1:], poses[1:], strict=True)]
+    assert max(errors) < 22.5  # χ² of 6: 99.9 %

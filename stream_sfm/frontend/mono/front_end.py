@@ -79,7 +79,7 @@ class MonoFrontEnd:
         state = self._add_points(state, images)
         n = len(state.tracks)
         enough, rules = self.setup.rules.of(RobustRules).min_inliers, self.setup.rules.of(ImageRules)
-        note = image_note(images, state.previous, state.copied, n, n, enough, rules)
+        note = state.torn(images, rules) or image_note(images, state.previous, n, n, enough, rules)
         note = note or ("" if state.map.mapped else state.map.waiting)
         state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
         return state.followed_from(images, stamp_ns, rules), replace(observed, note=note)
