@@ -65,8 +65,8 @@ def advance(
     z_px, cov_px = rows_of(seen.views.z_px, rows), motion.spread * rows_of(seen.views.cov_px, rows)
     seen_px = seen.views.raw_px(rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
-    grey = rows_of(seen.views.exposures, rows), seen.views.contrast[rows]
-    now = changed(now, left_px=seen_px[:, :2].copy(), exposures=grey[0], contrast=grey[1])
+    exposures, contrast = rows_of(seen.views.exposures, rows), seen.views.contrast[rows]
+    now = changed(now, left_px=seen_px[:, :2].copy(), exposures=exposures, contrast=contrast)
     ambiguity, second, settled = state.ambiguity.after(motion, seen.before, alike)
     ambiguous = second is not None or ambiguity.lasts  # this motion, or which set of tracks is static
     state = changed(
@@ -78,7 +78,7 @@ def advance(
         ambiguity=ambiguity,
         start=_start(step, state, seen, motion, ambiguous),
     )
-    found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, step.samples_agree)
+    found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, step.agreed_samples is not None)
     blurred_px = _blurred_px(step, seen, motion)[rows]
     return state, Followed(motion.cam_from_ref, seen_px, cov_px, blurred_px, found, second, settled)
 

@@ -21,6 +21,7 @@ from ..pictures.checks import Suspicions
 from ..pictures.content import are_alike, image_note
 from ..pictures.prepared import PreparedImages
 from ..pictures.rules import ImageRules
+from ..pictures.torn import Copied, copied, torn
 from ..record import changed
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
@@ -151,16 +152,15 @@ class StereoFrontEnd:
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of a frame that was followed, with the points that begin in it."""
-        rules = self.setup.rules.of(ImageRules)
-        motion, blurred_px = followed.cam_from_previous, followed.blurred_px
-        drift_px = state.tracks.drift_px(motion, self.setup.slide_px, blurred_px)
+        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.slide_px, followed.blurred_px)
         z_new, cov_new = RawViews(np.empty((0, 4))), np.empty((0, 4, 4))
         if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
             state, z_new, cov_new = begin_points(self.setup, state, images)
         z_px = RawViews(np.concatenate([followed.z_px, z_new]))
         cov_px = np.concatenate([followed.cov_px, cov_new])
-        torn = state.torn(images, rules)
-        note, state = torn or self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px, rules)
+        rows = self._copied(state, images)
+        tear = torn(rows, state.copied)
+        note, state = tear or self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px, rows)
         f_px, drifts_px = self.setup.projection.f_px, np.concatenate([drift_px, np.zeros(len(z_new))])
         return self._observed(
             state,
@@ -171,7 +171,7 @@ class StereoFrontEnd:
             std_slides=(drifts_px, turn_of_slides(drift_px, f_px, self.setup.rules.of(ErrorRules).alike)),
             cam_from_previous=followed.cam_from_previous,
             n_new=len(z_new),
-            ambiguity=_ambiguity(followed.second, state, bool(torn)),
+            ambiguity=_ambiguity(followed.second, state, bool(tear)),
             settled=followed.settled,
         )
 
@@ -193,7 +193,7 @@ class StereoFrontEnd:
         jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.of(ImageRules))
         if jumped:
             note = note or _JUMPED
-        seen = _seen(fresh, images, stamp_ns, z_px, rules.of(ImageRules))
+        seen = _seen(fresh, images, stamp_ns, z_px, self._copied(state, images))
         return self._observed(seen, stamp_ns, z_px, cov_px, note, n_new=len(z_px), jumped=jumped)
 
     def _observed(
@@ -231,6 +231,10 @@ class StereoFrontEnd:
         )
         return changed(state, errors=errors), observed
 
+    def _copied(self, state: FrontEndState, images: PreparedImages) -> Copied:
+        """Return which rows of the images are those of the frame before."""
+        return copied(images, state.previous, self.setup.rules.of(ImageRules).slope_grey)
+
     def _note(self, state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
         """Return what is wrong with the images, given the views (n, 4) of all tracks; or an empty string."""
         rules = self.setup.rules.of(ImageRules)
@@ -265,15 +269,18 @@ class StereoFrontEnd:
         return found if not turn_rad.any() else with_turn(self.rig, found, turn_rad)
 
 
-def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array, rules: ImageRules) -> FrontEndState:
-    """Return the state from which the next frame is followed, its image checks updated by all views (n, 4)."""
+def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array, rows: Copied) -> FrontEndState:
+    """Return the state from which the next frame is followed, its image checks updated by all views (n, 4).
+
+    `rows`: of the images, which are those of the frame before.
+    """
     pictures = state.pictures.after(images, state.tracks.ids[: len(z_px)], z_px[:, :2])
-    return changed(state.followed_from(images, stamp_ns, rules), pictures=pictures)
+    return changed(state.followed_from(images, stamp_ns, rows), pictures=pictures)
 
 
-def _ambiguity(second: SecondMotion | None, state: FrontEndState, torn: bool = False) -> Ambiguity | None:
+def _ambiguity(second: SecondMotion | None, state: FrontEndState, is_torn: bool = False) -> Ambiguity | None:
     """Return why a frame's motion may not be the camera's: another one may be, or its images are inconsistent."""
-    misfit, of_start = torn or bool(_misfit(state)), bool(state.start.problem)
+    misfit, of_start = is_torn or bool(_misfit(state)), bool(state.start.problem)
     if second is not None:
         return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, second.lasted, of_start)
     return Ambiguity(misfit=True, of_start=of_start) if misfit else None

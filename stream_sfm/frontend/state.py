@@ -16,8 +16,7 @@ from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..pictures.checks import Suspicions
 from ..pictures.prepared import PreparedImages
-from ..pictures.rules import ImageRules
-from ..pictures.torn import Copied, copied, torn
+from ..pictures.torn import Copied
 from ..record import changed, record
 from .alignment import Aligners
 from .learnt.disparity_error import DisparityError
@@ -161,14 +160,9 @@ class FrontEndState:
         """Return where right sides of points with a twist (6,) are sought."""
         return RightSides(self.rows_with_delay, self.turn_rad, twist)
 
-    def followed_from(self, images: PreparedImages, stamp_ns: int, rules: ImageRules) -> "FrontEndState":
-        """Return the state after a frame from whose images the next one is followed."""
-        rows = copied(images, self.previous, rules.slope_grey)
+    def followed_from(self, images: PreparedImages, stamp_ns: int, rows: Copied) -> "FrontEndState":
+        """Return the state after a frame from whose images, with these copied `rows`, the next one is followed."""
         return changed(self, previous=images.shrunk(), previous_ns=stamp_ns, copied=rows)
-
-    def torn(self, images: PreparedImages, rules: ImageRules) -> str:
-        """Return a note if the next images are torn, or an empty string."""
-        return torn(copied(images, self.previous, rules.slope_grey), self.copied)
 
     def lost(self) -> "FrontEndState":
         """Return the state without tracks, velocity, and what depends on these."""

@@ -79,15 +79,14 @@ class Step:
         return 2 * se3.log(cam_from_previous) / self.dt_s - twist
 
     @property
-    def samples_agree(self) -> bool:
-        """Whether the motion is predicted by samples that have agreed with the images for a while."""
-        return self.by_inertia is not None and self.by_inertia.agreed
+    def agreed_samples(self) -> ExpectedMotion | None:
+        """The motion by inertial samples if these have agreed with the images for a while; otherwise None."""
+        return self.by_inertia if self.by_inertia is not None and self.by_inertia.agreed else None
 
     def cov_predicted(self, unsteadiness: Unsteadiness | None) -> Array:
         """Return the covariance (6, 6) of the predicted motion by such samples, or by the usual changes of motion."""
-        if self.by_inertia is not None and self.by_inertia.agreed:
-            return self.by_inertia.cov
-        return np.diag(self.usual_change(unsteadiness) ** 2)
+        samples = self.agreed_samples
+        return np.diag(self.usual_change(unsteadiness) ** 2) if samples is None else samples.cov
 
     def distance2(self, motion: Resection, cov_predicted: Array) -> float:
         """Return the squared distance of a motion from the predicted one, by both covariances, eq. (85)."""
@@ -96,6 +95,5 @@ class Step:
 
     def is_sampled(self, motion: Resection) -> bool:
         """Whether a motion agrees with samples that have agreed before, so that it is the camera's."""
-        if self.by_inertia is None or not self.by_inertia.agreed:
-            return False
-        return self.distance2(motion, self.by_inertia.cov) < self.setup.rules.of(MotionRules).expected_near
+        samples, near = self.agreed_samples, self.setup.rules.of(MotionRules).expected_near
+        return samples is not None and self.distance2(motion, samples.cov) < near

@@ -75,6 +75,5 @@ def _equal(image: Image, before: Image, slope_grey: int) -> NDArray[np.float64]:
     slopes = np.abs(image[:, 2::2].astype(np.int16) - image[:, :-2:2]) >= slope_grey
     equal = slopes & (image[:, :-2:2] == before[:, :-2:2])
     starts = np.arange(_BANDS) * len(image) // _BANDS
-    counts = (np.add.reduceat(each.sum(axis=1), starts) for each in (slopes, equal))
-    there, same = counts
+    there, same = (np.add.reduceat(each.sum(axis=1), starts) for each in (slopes, equal))
     return np.asarray(same[there >= _SLOPES] / there[there >= _SLOPES])

@@ -18,6 +18,7 @@ from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection
 from ...pictures.content import image_note
 from ...pictures.prepared import PreparedImages
 from ...pictures.rules import ImageRules
+from ...pictures.torn import copied, torn
 from ...rig_model.estimate import RigEstimate
 from ...types import ExpectedMotion, LastingErrors, MapStart, Observations
 from ..advance import Followed
@@ -79,10 +80,11 @@ class MonoFrontEnd:
         state = self._add_points(state, images)
         n = len(state.tracks)
         enough, rules = self.setup.rules.of(RobustRules).min_inliers, self.setup.rules.of(ImageRules)
-        note = state.torn(images, rules) or image_note(images, state.previous, n, n, enough, rules)
+        rows = copied(images, state.previous, rules.slope_grey)
+        note = torn(rows, state.copied) or image_note(images, state.previous, n, n, enough, rules)
         note = note or ("" if state.map.mapped else state.map.waiting)
         state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
-        return state.followed_from(images, stamp_ns, rules), replace(observed, note=note)
+        return state.followed_from(images, stamp_ns, rows), replace(observed, note=note)
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """Return the state unchanged: one camera has no rig errors to learn."""

@@ -165,7 +165,8 @@ def _expected(step: Step, state: FrontEndState, seen: Seen, found: Resection) ->
     only_found = found.accepted & (near.squared_residuals > views.clear_gate)
     if np.count_nonzero(only_found) < fewest:  # few views distinguish the two
         return changed(near, second=found.second) if fit > clear else found
-    odds = float(np.exp(-fit if step.samples_agree else -fit - change))  # `_by_samples` counts what samples say
+    of_change = change if step.agreed_samples is None else 0.0  # `_by_samples` counts what samples say
+    odds = float(np.exp(-fit - of_change))
     return changed(near, second=SecondMotion(found.cam_from_ref, found.cov_pose, only_found, odds))
 
 
