@@ -16,13 +16,13 @@ from typing import IO, Any, cast
 
 import mcap
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import Writer
 
 from .. import __version__
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..geometry import Array
+from ..logs.mcap_file.library import Writer
 from ..system.files import PartFile, json_bytes
 from ..types import Frame, FrameEstimate
 from .estimate_messages import TOPICS, RosMessages, Stamped

@@ -3,7 +3,7 @@
 The standard messages used here are the same in every ROS 2.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
 from ..geometry import Array, se3
-from ..logs.recording.ros import Types
+from ..logs.recording.ros import Types, plain_type
 from .own_messages import DEFINITIONS
 
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -66,26 +66,10 @@ def type_store() -> Any:
     store, standard = Types("serialize_cdr_le"), (line.split(": ", 1) for line in _STANDARD.splitlines())
     of_standard = {name.replace("/", "/msg/"): fields.split(", ") for name, fields in standard}
     lines = of_standard | {name: text.splitlines() for name, text in DEFINITIONS.items()}
-    store.fielddefs |= {name: _parsed(of_type) for name, of_type in lines.items()}
+    store.fielddefs |= {name: plain_type(of_type) for name, of_type in lines.items()}
     for name in (*DEFINITIONS, ODOMETRY, POSE, TRANSFORMS, CLOUD, PATH):
         store.get_msgdef(name)  # makes what encodes it
     return store
-
-
-def _parsed(lines: Iterable[str]) -> Any:
-    """Return constants and fields of a definition as rosbags does, whose parser of all there may be takes 20 ms."""
-    constants, fields = [], []
-    for kind, name in (line.partition("#")[0].split() for line in lines if line.partition("#")[0].strip()):
-        name, is_constant, value = name.partition("=")
-        kind, is_array, size = kind.rstrip("]").partition("[")
-        if is_constant:
-            constants.append((name, kind, int(value)))
-            continue
-        of: Any = (Nodetype.NAME, kind.replace("/", "/msg/")) if "/" in kind else (Nodetype.BASE, (kind, 0))
-        if is_array:
-            of = (Nodetype.ARRAY, (of, int(size))) if size else (Nodetype.SEQUENCE, (of, 0))
-        fields.append((name, of))
-    return constants, fields
 
 
 @cache
