@@ -134,14 +134,7 @@ def with_second(current: WindowState, motion: Resection, std_moved: Array) -> Wi
     current = changed(current, ambiguous_motions=motions)
     if motion.ambiguous is None or ambiguity is None:
         return current
-    newest = len(current.frames) - 1
-    frames = [
-        changed(frame, ambiguity=ambiguity)
-        if k == newest or (k >= newest - motion.ambiguous.lasted and not frame.ambiguity.shape[1])
-        else frame
-        for k, frame in enumerate(current.frames)
-    ]
-    return changed(current, frames=tuple(frames))
+    return changed(current, frames=(*current.frames[:-1], changed(current.newest_frame, ambiguity=ambiguity)))
 
 
 def settled(current: WindowState) -> WindowState:
