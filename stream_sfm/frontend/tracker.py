@@ -42,7 +42,7 @@ def follow(
         rough = find_rough_motion(step, state.aligners, state.tracks)
         if rough is None:
             return state, None
-    rough = smaller_of_alike(step, state, rough)
+    state, rough = smaller_of_alike(step, state, rough)
     twist = step.twist(state.velocity, rough.cam_from_previous)
     state = first_timed(setup.projection, state, step.first_twist(twist, rough.cam_from_previous))
     views = align(setup, state, images, rough, twist)
