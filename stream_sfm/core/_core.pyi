@@ -461,17 +461,17 @@ class MovedWindow(tuple[Array, Array, Array, Array, Array]):
     amplitudes: Array
     step: Array
 
-class CovariancePart(Protocol):
+class System(Protocol):
     @property
-    def root(self) -> Array: ...
+    def prior(self) -> Prior: ...
     @property
-    def reach(self) -> Array: ...
+    def solved(self) -> SolvedWindow: ...
     @property
-    def covariant(self) -> Array: ...
+    def rig_ids(self) -> Pixels: ...
     @property
-    def with_both(self) -> Array: ...
+    def rig(self) -> SolvedWindow: ...
     @property
-    def both(self) -> Array: ...
+    def cov_rig(self) -> Array: ...
 
 class AbsorbedPoints(tuple[Ids, Array, Array, Array]):
     # Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).
@@ -480,10 +480,12 @@ class AbsorbedPoints(tuple[Ids, Array, Array, Array]):
     cov: Array
     modes: Array
 
-class PointMarginals(tuple[Array, Array, Array, Array, Array, Array, Mask]):
-    # Points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the rig's errors; metric points in the
-    # camera (P, 3) and in the world, each with covariances (P, 3, 3); and whether each is finite: 1/Z differs from
-    # 0 by more than `known_sigmas` σ.
+class WindowMarginals(tuple[Array, Array, Array, Array, Array, Array, Array, Array, Mask]):
+    # The newest pose (4, 4) with its covariance, and points (P,): q in the camera (P, 3), its covariance (P, 3, 3)
+    # given the rig's errors; metric points in the camera (P, 3) and in the world, each with covariances (P, 3, 3);
+    # and whether each is finite: 1/Z differs from 0 by more than `known_sigmas` σ.
+    world_from_cam: Array
+    cov_pose: Array
     q_in_cam: Array
     cov_q_in_cam: Array
     points_in_cam: Array
@@ -665,6 +667,7 @@ def new_corners(
     min_strength: float,
     rules: PointRules,
 ) -> Ids: ...
+def newest_pose_covariance(state: WindowState, system: System) -> Array: ...
 def normal_blocks(pinholes: Pinholes, state: WindowState, views: WindowViews, with_rig: bool) -> NormalBlocks: ...
 def orthonormalise(poses: Array) -> Array: ...
 def place_new_points(
@@ -676,15 +679,6 @@ def place_new_points(
     least_sigmas: float,
     max_std_px: float,
 ) -> tuple[Ids, Array, Array, Array]: ...
-def point_marginals(
-    ref_from_anchor: Array,
-    q: Array,
-    own: CovariancePart,
-    by_rig: CovariancePart,
-    world_from_ref: Array,
-    cam_from_ref: Array,
-    known_sigmas: float,
-) -> PointMarginals: ...
 def point_motions(poses: Array, seconds: Array) -> Array: ...
 def points_alone(
     v: Array, w: Array, g_point: Array, rig_point: Array, q: Array, rig_step: Array
@@ -803,6 +797,9 @@ def warp_patches(
 def whiten_blocks(cov: Array, b: Array) -> Array: ...
 def whitening_of_views(z_px: Array, cov_px: Array) -> Array: ...
 def widened_points(points_in_cam: Array, cov_points_in_world: Array, world_from_cam: Array, cov: Array) -> Array: ...
+def window_marginals(
+    state: WindowState, system: System, world_from_ref: Array, cov_more: Array, known_sigmas: float
+) -> WindowMarginals: ...
 def window_step(
     pinholes: Pinholes,
     state: WindowState,

@@ -27,11 +27,11 @@ units of it, `reach` (P, 3, n + m): coupling to the other variables and to the r
 covariance and information (m, m) from all views; m is 0 if they are not among the unknowns.)");
     describe_returned<MovedWindow>(m, R"(The variables of a window after a `step` (6F + e F + k,): poses (F, 4, 4), the frames' own amplitudes (F, e), points q (P,
 3) and amplitudes (k,) of the prior's modes, the rig's errors among them.)");
-    describe_taken<CovariancePart>(m);
+    describe_taken<SystemViews>(m);
     describe_returned<AbsorbedPoints>(m, R"(Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).)");
-    describe_returned<PointMarginals>(m, R"(Points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the rig's errors; metric points in the camera (P, 3)
-and in the world, each with covariances (P, 3, 3); and whether each is finite: 1/Z differs from 0 by more than
-`known_sigmas` σ.)");
+    describe_returned<WindowMarginals>(m, R"(The newest pose (4, 4) with its covariance, and points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the
+rig's errors; metric points in the camera (P, 3) and in the world, each with covariances (P, 3, 3); and whether each is
+finite: 1/Z differs from 0 by more than `known_sigmas` σ.)");
     def<&points_of_views>(m, "points_of_views", R"(Return homogeneous points (u, 4) of the used views of a window, each in its own camera and in front of it.
 
 Views of points that are not in the state are ignored, here and in the following functions.)",
@@ -112,11 +112,13 @@ For the points that `stays` (n,) selects, linearised at q (n, 3): `std_given` (n
 given the modes, and in units of these their steps `given` (n, 3) and the parts `moved` (n, 3, k + 1) that the new modes
 and their step subtract. New points (j,) have ids, mean (j, 3), covariances (j, 3, 3) and modes (j, 3, k).)",
         "ids"_a, "std_given"_a, "moved"_a, "given"_a, "q"_a, "stays"_a, "ids_new"_a, "mean_new"_a, "cov_new"_a, "modes_new"_a);
-    def<&point_marginals>(m, "point_marginals", R"(Return points in the newest camera and in the world, each with covariances, eqs. (28) and (37) to (41).
+    def<&newest_pose_covariance>(m, "newest_pose_covariance", R"(Return the covariance (6, 6) of the newest pose in the world, eq. (28); perturbations are on its right.)",
+        "state"_a, "system"_a);
+    def<&window_marginals>(m, "window_marginals", R"(Return the newest pose, and the points in this camera and in the world, each with covariances, eqs. (28) and (37) to (41).
 
-Points have anchors (P, 4, 4) and q (P, 3). `own` and `by_rig`: the parts of the joint covariance given the rig's errors
-and from these errors; poses (4, 4). A point is finite if 1/Z exceeds `known_sigmas` σ.)",
-        "ref_from_anchor"_a, "q"_a, "own"_a, "by_rig"_a, "world_from_ref"_a, "cam_from_ref"_a, "known_sigmas"_a);
+`world_from_ref` (4, 4); `cov_more` (6, 6): added to the pose, and to the points seen from it. A point is finite if 1/Z
+exceeds `known_sigmas` σ.)",
+        "state"_a, "system"_a, "world_from_ref"_a, "cov_more"_a, "known_sigmas"_a);
     def<&widened_points>(m, "widened_points", R"(Return covariances (n, 3, 3) of points in the world, with `cov` (6, 6) added to the pose that sees them.
 
 Points (n, 3) in the camera; the perturbation is on the right of world_from_cam (4, 4), eq. (45).)",

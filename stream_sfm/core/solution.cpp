@@ -52,7 +52,7 @@ SolvedWindow factored(WithoutPoints& system, std::size_t m, Vector rig_error, do
     Rows root{result.root.data.get(), n};
     std::vector<double> coupling(m * n), whitened(n), pull(g + n, g + size);
     Rows coupled{coupling.data(), n};
-    add_large_product(1.0, along({h + n * size, size}), m, down(root), n, n, Needed::ALL_OF_UPPER, coupling.data(), n);
+    add_large_product(1.0, along({h + n * size, size}), m, down(root), n, n, Needed::ALL, coupling.data(), n);
     add_large_product(-1.0, along(root), n, along(coupled), m, n, Needed::ALL, result.by_rig.data.get(), m);
     Array<double, 2>& left = result.information_of_rig;
     for (std::size_t x = 0; x < m; x++) std::copy_n(h + (n + x) * size + n, x + 1, left[x]);

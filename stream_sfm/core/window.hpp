@@ -159,20 +159,23 @@ AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, 
                                Indices ids_new, Matrix mean_new, Matrices cov_new, Matrices modes_new);
 
 // marginals.cpp
-struct CovariancePart {  // of points, a pose and the world; see normal_equations.py
-    Matrices root, reach, covariant, with_both;
-    Matrix both;
-    RECORD(CovariancePart, root, reach, covariant, with_both, both)
+struct SystemViews {  // see normal_equations.py
+    PriorViews prior;
+    SolvedViews solved;
+    Indices rig_ids;
+    SolvedViews rig;
+    Matrix cov_rig;
+    RECORD(System, prior, solved, rig_ids, rig, cov_rig)
 };
-struct PointMarginals {
-    Array<double, 2> q_in_cam, points_in_cam, points_in_world;
+struct WindowMarginals {
+    Array<double, 2> world_from_cam, cov_pose, q_in_cam, points_in_cam, points_in_world;
     Array<double, 3> cov_q_in_cam, cov_points, cov_points_in_world;
     Array<bool, 1> finite;
-    RECORD(PointMarginals, q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite)
+    RECORD(WindowMarginals, world_from_cam, cov_pose, q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite)
 };
-PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, const CovariancePart& own,
-                               const CovariancePart& of_rig, Matrix world_from_ref, Matrix cam_from_ref,
-                               double known_sigmas);
+Array<double, 2> newest_pose_covariance(const WindowState& state, const SystemViews& system);
+WindowMarginals window_marginals(const WindowState& state, const SystemViews& system, Matrix world_from_ref, Matrix cov_more,
+                                 double known_sigmas);
 Array<double, 3> widened_points(Matrix points_in_cam, Matrices cov_in_world, Matrix world_from_cam, Matrix cov);
 
 }  // namespace core

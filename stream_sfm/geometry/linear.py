@@ -13,7 +13,6 @@ from .se3 import Array
 # m², rad², or of an amplitude: added where something is known by definition, such as the first camera, so that its
 # covariance has a root and an inverse. A micrometre and a microradian are far below the error of any estimate.
 LEAST_VARIANCE = 1e-12
-_PANEL = 48  # columns; measured: the fewest that a product is fast with
 
 
 def symmetric(a: Array) -> Array:
@@ -36,17 +35,6 @@ def turned(a: Array, by: tuple[Array, Array]) -> Array:
     """Return A Q of stacked matrices (…, n) with Q as `core.reflections` returns it."""
     along, axes = by
     return a - product(product(a, along), axes.T)
-
-
-def times_upper(a: Array, upper: Array) -> Array:
-    """Return A R of stacked matrices (…, n) with one upper triangle (n, n), of whose zeros most are left out."""
-    n = len(upper)
-    flat, result = a.reshape(-1, n), np.empty(a.shape)
-    out = result.reshape(-1, n)
-    for first in range(0, n, _PANEL):
-        end = first + _PANEL
-        np.matmul(flat[:, :end], upper[:end, first:end], out=out[:, first:end])
-    return result
 
 
 def matvec(a: Array, x: Array) -> Array:
