@@ -473,12 +473,18 @@ class System(Protocol):
     @property
     def cov_rig(self) -> Array: ...
 
-class AbsorbedPoints(tuple[Ids, Array, Array, Array]):
-    # Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).
+class AbsorbedFrame(tuple[Ids, Array, Array, Array, Array, Array, Array, Array]):
+    # Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k); the modes of world and
+    # inertial state (r, k) with their step (r,); and information (m, m) and weighted sums (m,) about the rig's
+    # errors.
     ids: Ids
     mean: Array
     cov: Array
     modes: Array
+    world_modes: Array
+    world_step: Array
+    information: Array
+    weighted: Array
 
 class WindowMarginals(tuple[Array, Array, Array, Array, Array, Array, Array, Array, Mask]):
     # The newest pose (4, 4) with its covariance, and points (P,): q in the camera (P, 3), its covariance (P, 3, 3)
@@ -529,21 +535,20 @@ class Preintegrated(tuple[Array, Array, Array, Array, Array, Array]):
 
 RECORDS: dict[str, tuple[bool, str, list[tuple[str, str]]]]  # is returned; help; fields, types
 
-def absorbed_points(
-    ids: Pixels,
-    std_given: Array,
-    moved: Array,
-    given: Array,
-    q: Array,
-    stays: Mask,
-    ids_new: Pixels,
-    mean_new: Array,
-    cov_new: Array,
-    modes_new: Array,
-) -> AbsorbedPoints: ...
-def absorbing_system(
-    blocks: NormalBlocks, prior: Prior, ref_from_anchor: Array, q: Array, amplitudes: Array
-) -> tuple[Array, Array, Array, Array, Array]: ...
+def absorb_frame(
+    pinholes: Pinholes,
+    state: WindowState,
+    views: WindowViews,
+    stereo: Mask,
+    var_drift: Array,
+    seen_later: Mask,
+    prior: Prior,
+    amplitudes: Array,
+    world_modes: Array,
+    about: Array,
+    weighted: Array,
+    negligible: float,
+) -> AbsorbedFrame: ...
 def align_patches(
     image: Image,
     starts_px: Array,
@@ -619,16 +624,6 @@ def inertial_rows(
 ) -> tuple[Array, Array, Array]: ...
 def inside_area(area: Mask, at_px: Array) -> Mask: ...
 def inverse_root(matrix: Array, repair: bool) -> Array: ...
-def leaving_views(
-    pinholes: Pinholes,
-    state: WindowState,
-    views: WindowViews,
-    stereo: Mask,
-    var_drift: Array,
-    seen_later: Mask,
-    known: Pixels,
-    cov: Array,
-) -> tuple[Ids, Mask, Array, Array, Array, NormalBlocks, Ids, tuple[Array, Array, Array, Array]]: ...
 def linearise_views(views: Views, cam_from_ref: Array) -> tuple[Array, Array]: ...
 def log_evidence(information: Array, weighted: Array, variances: Array) -> Array: ...
 def match_along_rows(
@@ -646,7 +641,6 @@ def match_new_points(
     tolerance_px: float,
     rules: PointRules,
 ) -> tuple[Ids, Array, Array, Array, Array]: ...
-def minor_directions(covariance: Array, least: float) -> Array: ...
 def motion_of_flow(
     pinholes: Pinholes,
     tracks: Tracks,
@@ -700,7 +694,6 @@ def preintegrate(
 ) -> Preintegrated: ...
 def project_points(pinholes: Pinholes, points: Array) -> Array: ...
 def quaternions(rotations: Array) -> Array: ...
-def reflections(columns: Array) -> tuple[Array, Array]: ...
 def reported_motions(axes: PhysicalAxes, poses: Array, cov: Array, by_terms: Array) -> tuple[Array, Array, Array]: ...
 def reported_points(
     axes: PhysicalAxes, points: Array, cov_points: Array, std_shared: Array, frame_from_cam: Array
@@ -794,7 +787,6 @@ def views_within_gates(
 def warp_patches(
     stored: Image, slots: Pixels, anchor_from_now: Array, radius_px: int, spacing_px: int, rules: TemplateRules
 ) -> tuple[Grey, Array, Grey]: ...
-def whiten_blocks(cov: Array, b: Array) -> Array: ...
 def whitening_of_views(z_px: Array, cov_px: Array) -> Array: ...
 def widened_points(points_in_cam: Array, cov_points_in_world: Array, world_from_cam: Array, cov: Array) -> Array: ...
 def window_marginals(

@@ -31,12 +31,6 @@ def product(a: Array, b: Array) -> Array:
     return np.asarray((a.reshape(math.prod(stack), k) @ b).reshape(*stack, b.shape[1]))
 
 
-def turned(a: Array, by: tuple[Array, Array]) -> Array:
-    """Return A Q of stacked matrices (…, n) with Q as `core.reflections` returns it."""
-    along, axes = by
-    return a - product(product(a, along), axes.T)
-
-
 def matvec(a: Array, x: Array) -> Array:
     """Return the products A x of stacked matrices (…, m, n) and vectors (…, n)."""
     return np.asarray((a @ x[..., None])[..., 0])
@@ -72,22 +66,3 @@ class Cholesky:
     def inverse(self) -> Array:
         """Return A⁻¹, symmetric."""
         return symmetric(self.root @ self.root.T)
-
-
-class Elimination:
-    """Elimination of the first n variables of a symmetric positive definite matrix [[A, Bᵀ], [B, C]].
-
-    `root` (n, n) = R, upper triangular, with R Rᵀ = A⁻¹; `by_others` (n, m) = −A⁻¹Bᵀ: the derivative of the eliminated
-    variables by the others; and `left` (m, m) = C − B A⁻¹Bᵀ, the information about the others. Bᵀ is not read.
-    """
-
-    def __init__(self, matrix: Array, n: int) -> None:
-        self.root = Cholesky(matrix[:n, :n]).root
-        self._coupling = matrix[n:, :n] @ self.root
-        self.by_others = -self.root @ self._coupling.T
-        self.left = matrix[n:, n:] - self._coupling @ self._coupling.T
-
-    def reduced(self, right: Array) -> tuple[Array, Array]:
-        """Return the eliminated variables (n,) if the others are 0, and the remaining right-hand side (m,) of these."""
-        whitened = self.root.T @ right[: len(self.root)]
-        return self.root @ whitened, right[len(self.root) :] - self._coupling @ whitened
