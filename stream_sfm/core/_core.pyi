@@ -2,7 +2,7 @@
 # are copied; one of a wrong shape is a ValueError (TypeError: of a wrong number of axes). Images are (h, w) grey;
 # what lies beyond their border is as its rim. A record without a comment is described where Python has one of its name.
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -539,6 +539,7 @@ def determined_points(ids: Pixels, known: Pixels, seen: Pixels, used: Mask, ster
 def disparity_effects(pinholes: Pinholes, points: Array, cam_from_previous: Array, z_px: Array) -> Array: ...
 def effects_of_turn(pinholes: Pinholes, right_px: Array) -> Array: ...
 def eliminate_points(v: Array, w: Array) -> tuple[Array, Array]: ...
+def encoded(fields: list[tuple[Any, ...]], messages: list[Any]) -> list[bytes]: ...
 def errors_of_motions(seconds: Array, period: float) -> Array: ...
 def expected_views(
     pinholes: Pinholes, state: WindowState, views: WindowViews, stereo: Mask, expected_px: Array

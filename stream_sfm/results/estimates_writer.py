@@ -142,8 +142,9 @@ class EstimatesWriter:
 
     def _add(self, estimate: FrameEstimate, messages: Stamped) -> None:
         stamp_ns = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned
-        for topic, message in messages:
-            self._writer.add_message(self._channels[topic], stamp_ns, encode(message), stamp_ns, estimate.frame_index)
+        topics, made = zip(*messages, strict=True)
+        for topic, content in zip(topics, encode(made), strict=True):
+            self._writer.add_message(self._channels[topic], stamp_ns, content, stamp_ns, estimate.frame_index)
             self._counts[topic] += 1
         first_ns, last_ns = self._times_ns
         self._times_ns = min(first_ns, stamp_ns), max(last_ns, stamp_ns)

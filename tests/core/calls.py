@@ -101,6 +101,10 @@ CALLS = {
         *(np.ones(17), np.eye(4)),
     ),
     "inertial_motion": (ONE_INTERVAL, np.ones(17), np.eye(4), np.ones(6)),
+    "encoded": (
+        [(("text", "s", None, 0), ("numbers", "d", -1, 8), ("parts", (("is", "?", None, 0),), -1, 0))],
+        [Record(text="σ", numbers=np.arange(3.0), parts=[Record(**{"is": True})])],
+    ),
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40, POINT_RULES),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),

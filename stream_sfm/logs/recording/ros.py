@@ -8,7 +8,7 @@ from typing import Any
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from rosbags.interfaces import Msgdef, Nodetype
-from rosbags.serde.cdr import generate_deserialize_cdr, generate_getsize_cdr, generate_serialize_cdr
+from rosbags.serde.cdr import generate_deserialize_cdr
 from rosbags.serde.ros1 import generate_deserialize_ros1
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 from rosbags.typesys.base import normalize_fieldname
@@ -45,22 +45,21 @@ _SUPPORTED = (
     (MessageEncoding.ROS1, SchemaEncoding.ROS1),
 )
 _MAKERS: dict[str, Callable[..., Any]] = {
-    "serialize_cdr_le": partial(generate_serialize_cdr, endianness="le"),
     "deserialize_cdr_le": partial(generate_deserialize_cdr, endianness="le"),
     "deserialize_cdr_be": partial(generate_deserialize_cdr, endianness="be"),
     "deserialize_ros1": generate_deserialize_ros1,
 }
 
 
-class Types(Typestore):
-    """Types with only the functions in `_MAKERS`; decoded objects have the fields of a message, and no class.
+class _Types(Typestore):
+    """Types with only one of the functions in `_MAKERS`; decoded objects have the fields of a message, and no class.
 
-    rosbags generates and compiles 13 functions per type, even if they are never called: four times as slow.
+    rosbags generates and compiles 13 functions per type, even if they are never called: many times as slow.
     """
 
-    def __init__(self, *functions: str) -> None:
+    def __init__(self, function: str) -> None:
         super().__init__(empty)  # with times and durations, as ROS 1 does not define them
-        self._functions = functions
+        self._function = function
 
     def get_msgdef(self, typename: str) -> Msgdef[object]:
         """Return the functions of a type; all others are None."""
@@ -70,9 +69,7 @@ class Types(Typestore):
             names = [name for name, _ in entries]
             made |= {"name": typename, "fields": entries}
             made["cls"] = lambda *values: SimpleNamespace(**dict(zip(names, values, strict=False)))
-            if "serialize_cdr_le" in self._functions:  # which asks for the size first
-                made["getsize_cdr"], made["size_cdr"] = generate_getsize_cdr(entries, self)
-            made |= {name: _MAKERS[name](entries, self) for name in self._functions}
+            made[self._function] = _MAKERS[self._function](entries, self)
             self.cache[typename] = Msgdef(**made)
         return self.cache[typename]
 
@@ -94,8 +91,8 @@ def ros_decoder(message_encoding: str, schema_encoding: str, schema_name: str, d
     name = f"{package}/msg/{short_name}"
 
     @lru_cache
-    def store(function: str) -> Types:
-        made = Types(function)
+    def store(function: str) -> _Types:
+        made = _Types(function)
         made.fielddefs = types | made.fielddefs
         made.get_msgdef(name)
         return made
@@ -141,11 +138,11 @@ def _plain_types(text: str, schema_name: str) -> dict[str, Any] | None:
         lines = [line.partition("#")[0].strip() for line in part.split("\n")]
         if not _PLAIN_NAME.fullmatch(name) or not all(not line or _PLAIN_LINE.fullmatch(line) for line in lines):
             return None
-        types[name if "/msg/" in name else name.replace("/", "/msg/")] = plain_type(lines)
+        types[name if "/msg/" in name else name.replace("/", "/msg/")] = _plain_type(lines)
     return types
 
 
-def plain_type(lines: Iterable[str]) -> Any:
+def _plain_type(lines: Iterable[str]) -> Any:
     """Return constants and fields of a definition as rosbags does, whose parser of all there may be takes 20 ms."""
     constants, fields = [], []
     for kind, name in (line.partition("#")[0].split() for line in lines if line.partition("#")[0].strip()):
