@@ -400,17 +400,25 @@ class WindowViews(Protocol):
 
 class RigState(Protocol):
     @property
+    def mean(self) -> Array: ...
+    @property
     def information(self) -> Array: ...
     @property
     def weighted(self) -> Array: ...
+    @property
+    def held(self) -> Array: ...
 
 class Prior(Protocol):
+    @property
+    def ids(self) -> Pixels: ...
     @property
     def mean(self) -> Array: ...
     @property
     def cov(self) -> Array: ...
     @property
     def modes(self) -> Array: ...
+    @property
+    def world_modes(self) -> Array: ...
     @property
     def rig(self) -> RigState: ...
 
@@ -428,6 +436,30 @@ class NormalBlocks(tuple[Array, Array, Array, Array, Array, Array, Array, Array,
     rig_pose: Array
     rig_point: Array
     g_rig: Array
+
+class SolvedWindow(tuple[Array, Array, Array, Array, Array, Array, Array]):
+    # The factored normal equations of [poses 6F | frames' own e F | modes], without the points (P,) and the rig's
+    # errors (m,). `root` (n, n), upper triangular, is a root of the covariance of these variables given the rig's
+    # errors, and `by_rig` (n, m) their Jacobian by these, K of eq. (72). `std_given` (P, 3, 3): root of the
+    # covariance of a point given all others; in units of it, `reach` (P, 3, n + m): coupling to the other variables
+    # and to the rig's errors. Of these errors: mean (m,), covariance and information (m, m) from all views; m is 0
+    # if they are not among the unknowns.
+    root: Array
+    by_rig: Array
+    std_given: Array
+    reach: Array
+    mean_of_rig: Array
+    cov_of_rig: Array
+    information_of_rig: Array
+
+class MovedWindow(tuple[Array, Array, Array, Array, Array]):
+    # The variables of a window after a `step` (6F + e F + k,): poses (F, 4, 4), the frames' own amplitudes (F, e),
+    # points q (P, 3) and amplitudes (k,) of the prior's modes, the rig's errors among them.
+    cams_from_ref: Array
+    own: Array
+    q: Array
+    amplitudes: Array
+    step: Array
 
 class CovariancePart(Protocol):
     @property
@@ -509,7 +541,7 @@ def absorbed_points(
 ) -> AbsorbedPoints: ...
 def absorbing_system(
     blocks: NormalBlocks, prior: Prior, ref_from_anchor: Array, q: Array, amplitudes: Array
-) -> tuple[Array, Array, Array, Array, Array, Array]: ...
+) -> tuple[Array, Array, Array, Array, Array]: ...
 def align_patches(
     image: Image,
     starts_px: Array,
@@ -772,7 +804,17 @@ def warp_patches(
 def whiten_blocks(cov: Array, b: Array) -> Array: ...
 def whitening_of_views(z_px: Array, cov_px: Array) -> Array: ...
 def widened_points(points_in_cam: Array, cov_points_in_world: Array, world_from_cam: Array, cov: Array) -> Array: ...
-def window_system(
-    blocks: NormalBlocks, prior: Prior, known: Pixels, q: Array, amplitudes: Array
-) -> tuple[Array, Array, Array, Array, Array, Array]: ...
+def window_step(
+    pinholes: Pinholes,
+    state: WindowState,
+    views: WindowViews,
+    prior: Prior,
+    amplitudes: Array,
+    with_rig: bool,
+    about_state: Array,
+    weighted_state: Array,
+) -> tuple[SolvedWindow, MovedWindow, float]: ...
+def window_with_rig_moved(
+    state: WindowState, amplitudes: Array, solved: SolvedWindow, change: Array
+) -> MovedWindow: ...
 def with_turn(pinholes: Pinholes, z_px: Array, cov_px: Array, root: Array) -> Array: ...

@@ -92,7 +92,7 @@ LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, c
             std::move(blocks), std::move(begun.ids), std::move(alone)};
 }
 
-WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior, Matrices anchors, Matrix q,
+WithoutPoints absorbing_system(const BlockViews& blocks, const PriorViews& prior, Matrices anchors, Matrix q,
                               Vector amplitudes) {
     std::size_t n = q.shape[0], k = prior.modes.shape[2], m = blocks.rig.shape[0];
     require_shape(prior.modes, {n, 3, k}, "modes");
@@ -127,10 +127,12 @@ WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior,
         std::copy_n(blocks.w.data + by_frame * row + 6, e, w.data.get() + e * row);
     BlockViews exact = blocks;
     exact.u = u, exact.w = w, exact.g_pose = g, exact.rig_pose = rig_pose;
-    Array<std::int64_t, 1> all(n);
-    std::iota(all.data.get(), all.data.get() + n, 0);
-    WindowSystem result = system_of(exact, {prior.mean, prior.cov, modes, prior.rig}, all, q, at, 0);
+    PriorViews with_modes = prior;
+    with_modes.modes = modes;
+    WithoutPoints result = without_points(exact, with_modes, prior.ids, q, at, 0);
     for (std::size_t x = e + own; x < e + own + 6; x++) result.h[x][x] -= 1;  // the new modes have no prior information
+    for (std::size_t x = 0; x < e + k + 6; x++)
+        for (std::size_t y = 0; y < x; y++) result.h[y][x] = result.h[x][y];
     return result;
 }
 

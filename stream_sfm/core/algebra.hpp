@@ -62,26 +62,45 @@ inline void invert3(const double* a, double* out) {
     out[8] = (a[0] * a[4] - a[1] * a[3]) * scale;
 }
 
-// The lower triangle of a symmetric positive definite A (n, n) becomes its factor. False if it is not positive
-// definite.
-inline bool factor_positive(double* a, std::size_t n) {
-    for (std::size_t j = 0; j < n; j++) {
-        for (std::size_t k = 0; k < j; k++) a[j * n + j] -= a[j * n + k] * a[j * n + k];
-        if (!(a[j * n + j] > 0)) return false;
-        a[j * n + j] = std::sqrt(a[j * n + j]);
-        for (std::size_t i = j + 1; i < n; i++) {
-            for (std::size_t k = 0; k < j; k++) a[i * n + j] -= a[i * n + k] * a[j * n + k];
-            a[i * n + j] /= a[j * n + j];
+// The upper triangle of a symmetric A (n, n) becomes the factor U with Uᵀ U = A. False if A is not positive definite.
+// Terms are subtracted one by one in their order, those of four rows in one pass.
+inline bool factor_upper(double* a, std::size_t n) {
+    for (std::size_t first = 0, end = 0; first < n; first = end) {
+        end = std::min(first + 4, n);
+        for (std::size_t k = first; k < end; k++) {
+            double* row = a + k * n;
+            if (!(row[k] > 0)) return false;
+            row[k] = std::sqrt(row[k]);
+            for (std::size_t c = k + 1; c < n; c++) row[c] /= row[k];
+            for (std::size_t i = k + 1; i < end; i++)
+                for (std::size_t c = i; c < n; c++) a[i * n + c] -= row[i] * row[c];
         }
+        const double *u0 = a + first * n, *u1 = u0 + n, *u2 = u1 + n, *u3 = u2 + n;
+        for (std::size_t i = end; i < n; i++)  // only after four rows
+            for (std::size_t c = i; c < n; c++)
+                a[i * n + c] = a[i * n + c] - u0[i] * u0[c] - u1[i] * u1[c] - u2[i] * u2[c] - u3[i] * u3[c];
     }
+    return true;
+}
+
+// The lower triangle of a symmetric A (n, n) becomes the factor L with L Lᵀ = A, and the upper one its transpose. False if
+// A is not positive definite.
+inline bool factor_positive(double* a, std::size_t n) {
+    for (std::size_t i = 1; i < n; i++)
+        for (std::size_t c = 0; c < i; c++) a[c * n + i] = a[i * n + c];
+    if (!factor_upper(a, n)) return false;
+    for (std::size_t i = 1; i < n; i++)
+        for (std::size_t c = 0; c < i; c++) a[i * n + c] = a[c * n + i];
     return true;
 }
 
 // The lower Cholesky factor of a symmetric matrix (N, N); false if it is not positive definite.
 template <int N>
 bool cholesky(const double* a, double* lower) {
-    for (int i = 0; i < N * N; i++) lower[i] = i % N <= i / N ? a[i] : 0.0;
-    return factor_positive(lower, N);
+    std::copy(a, a + N * N, lower);
+    if (!factor_positive(lower, N)) return false;
+    for (int i = 0; i < N; i++) std::fill(lower + i * N + i + 1, lower + i * N + N, 0.0);
+    return true;
 }
 
 // The inverse of a lower triangle (N, N).

@@ -38,36 +38,16 @@ namespace {
 // more, up to a change of 10⁻⁵ σ², which no reported figure shows.
 constexpr double REPAIRS[] = {0, 1e-13, 1e-11, 1e-9, 1e-7, 1e-5};
 
-// The upper triangle of a symmetric A (n, n) becomes the factor U with Uᵀ U = A, four rows at a time. False if A is not
-// positive definite.
-inline bool factor_upper(double* a, std::size_t n) {
-    for (std::size_t first = 0, end = 0; first < n; first = end) {
-        end = std::min(first + 4, n);
-        for (std::size_t k = first; k < end; k++) {
-            double* row = a + k * n;
-            if (!(row[k] > 0)) return false;
-            double by = 1 / std::sqrt(row[k]);
-            for (std::size_t c = k; c < n; c++) row[c] *= by;
-            for (std::size_t i = k + 1; i < end; i++) add(-row[i], row + i, n - i, a + i * (n + 1));
-        }
-        const double *u0 = a + first * n, *u1 = u0 + n, *u2 = u1 + n, *u3 = u2 + n;
-        for (std::size_t i = end; i < n; i++)  // only after four rows
-            for (std::size_t c = i; c < n; c++) a[i * n + c] -= u0[i] * u0[c] + u1[i] * u1[c] + u2[i] * u2[c] + u3[i] * u3[c];
-    }
-    return true;
-}
-
 }  // namespace
 
-WIDER Array<double, 2> inverse_root(Matrix matrix, bool repair) {
-    std::size_t n = matrix.shape[0];
-    require_shape(matrix, {n, n}, "matrix");
+WIDER Array<double, 2> inverse_root_of(Rows matrix, std::size_t n, bool repair) {
+    auto at = [&](std::size_t i, std::size_t c) { return matrix.data[i * matrix.stride + c]; };
     std::vector<double> scale(n), a(n * n), inverse(n * n);
-    for (std::size_t i = 0; i < n; i++) scale[i] = 1 / std::sqrt(matrix[i][i] > 0 ? matrix[i][i] : 1.0);
+    for (std::size_t i = 0; i < n; i++) scale[i] = 1 / std::sqrt(at(i, i) > 0 ? at(i, i) : 1.0);
     bool is_factored = false;
     for (double damping : REPAIRS) {
         for (std::size_t i = 0; i < n; i++)
-            for (std::size_t c = 0; c <= i; c++) a[c * n + i] = matrix[i][c] * scale[i] * scale[c] + (c == i ? damping : 0.0);
+            for (std::size_t c = 0; c <= i; c++) a[c * n + i] = at(i, c) * scale[i] * scale[c] + (c == i ? damping : 0.0);
         if ((is_factored = factor_upper(a.data(), n)) || !repair) break;
     }
     require_definite(is_factored, "information matrix is not positive definite");
@@ -87,6 +67,12 @@ WIDER Array<double, 2> inverse_root(Matrix matrix, bool repair) {
     for (std::size_t i = 0; i < n; i++)
         for (std::size_t c = 0; c <= i; c++) result[c][i] = inverse[i * n + c] * scale[c];
     return result;
+}
+
+Array<double, 2> inverse_root(Matrix matrix, bool repair) {
+    std::size_t n = matrix.shape[0];
+    require_shape(matrix, {n, n}, "matrix");
+    return inverse_root_of({matrix.data, n}, n, repair);
 }
 
 SolvedBySize solved_by_size(Matrix information, Matrix weighted, Matrix sizes) {

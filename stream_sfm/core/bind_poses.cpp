@@ -2,6 +2,7 @@
 
 #include "binding.hpp"
 #include "poses.hpp"
+#include "products.hpp"
 
 namespace binding {
 
@@ -55,6 +56,8 @@ all views of a point share. `cov_points` (n, 3, 3) is increased by that of error
 A is scaled to a unit diagonal. With `repair`, a matrix that has lost definiteness to rounding gets the smallest increase
 of that diagonal that restores it. Raises LinAlgError if A is not definite.)",
         "matrix"_a, "repair"_a);
+    def<&large_product>(m, "_large_product", R"(Return A B (p, q) of A (p, n) and B (n, q); `upper`: B is an upper triangle.)", "a"_a, "b"_a, "upper"_a);
+    def<&large_gram>(m, "_large_gram", R"(Return the lower triangle of Aᵀ A (n, n).)", "a"_a);
     def<&solved_by_size>(m, "solved_by_size", R"(Return the log determinants (n,) of I + S A S, and S (I + S A S)⁻¹ S b (n, k, r), with S the diagonal of each of n sizes.
 
 These are the evidence for errors of σ `sizes` (n, k), and their means, with `information` A (k, k) about them and r

@@ -19,6 +19,14 @@ field (V, K), m = t + p K.)");
 A frame has f = 6 + e unknowns: its pose, and e amplitudes of its own with a prior of σ = 1. `u` (F, f, f), `v` (P, 3,
 3), `w` (P, 3, fF); right-hand sides `g_pose` (F, f), `g_point` (P, 3). For the rig's errors: `rig` (m, m), `rig_pose`
 (F, f, m) with the frames, `rig_point` (P, 3, m) with the points, and `g_rig` (m,).)");
+    describe_returned<SolvedWindow>(m, R"(The factored normal equations of [poses 6F | frames' own e F | modes], without the points (P,) and the rig's errors (m,).
+
+`root` (n, n), upper triangular, is a root of the covariance of these variables given the rig's errors, and `by_rig` (n,
+m) their Jacobian by these, K of eq. (72). `std_given` (P, 3, 3): root of the covariance of a point given all others; in
+units of it, `reach` (P, 3, n + m): coupling to the other variables and to the rig's errors. Of these errors: mean (m,),
+covariance and information (m, m) from all views; m is 0 if they are not among the unknowns.)");
+    describe_returned<MovedWindow>(m, R"(The variables of a window after a `step` (6F + e F + k,): poses (F, 4, 4), the frames' own amplitudes (F, e), points q (P,
+3) and amplitudes (k,) of the prior's modes, the rig's errors among them.)");
     describe_taken<CovariancePart>(m);
     describe_returned<AbsorbedPoints>(m, R"(Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).)");
     describe_returned<PointMarginals>(m, R"(Points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the rig's errors; metric points in the camera (P, 3)
@@ -70,14 +78,15 @@ the views of the newest frame begin at row `newest`. Ids of points, and of views
 
 Returns lower roots L (P, 3, 3) of V⁻¹ = L Lᵀ, and LᵀW. Raises LinAlgError if the information is not definite.)",
         "v"_a, "w"_a);
-    def<&window_system>(m, "window_system", R"(Eliminate points from the normal equations of [poses 6F | frames' own e F | modes k], eqs. (27), (30) and (71).
+    def<&window_step>(m, "window_step", R"(Return a step of all variables of a window: the factored normal equations, the variables after it, and gᵀδ.
 
-`blocks` at q (P, 3); the prior at `amplitudes` (k,), its points in rows `known` (N,) of those of the window. Returns
-the lower triangle of H (n, n) without the points; L⁻¹F (N, 3, k) with D = L Lᵀ, whose product with its transpose is to
-be added; lower roots (P, 3, 3) of the covariances of points given the other variables; rootsᵀ times the coupling of
-points to these (P, 3, n), whose product with its transpose is to be subtracted; rootsᵀ times the right-hand sides of
-points (P, 3); and the right-hand side of the others (n,). Raises LinAlgError if the information is not definite.)",
-        "blocks"_a, "prior"_a, "known"_a, "q"_a, "amplitudes"_a);
+Eqs. (26), (27), (30) and (71), at the `amplitudes` (k,) of the prior's modes. `with_rig`: whether the rig's errors are
+among the unknowns; they move to where they are held, and stay otherwise. `about_state` (6F + 17, …) and
+`weighted_state`: information about poses and inertial state, (0, 0) without. The last result is the predicted decrease
+of the sum of squares. Raises LinAlgError if the information is not definite.)",
+        "pinholes"_a, "state"_a, "views"_a, "prior"_a, "amplitudes"_a, "with_rig"_a, "about_state"_a, "weighted_state"_a);
+    def<&window_with_rig_moved>(m, "window_with_rig_moved", R"(Return the variables of a window after its rig's errors have moved by `change` (m,), and all others with them, eq. (72).)",
+        "state"_a, "amplitudes"_a, "solved"_a, "change"_a);
     def<&points_alone>(m, "points_alone", R"(Return points from the views of one frame alone: mean (n, 3), covariance (n, 3, 3), and Jacobians.
 
 The Jacobians are ∂q by amplitudes of the frame's own (n, 3, e) and by the rig's errors (n, 3, m). Blocks are as in

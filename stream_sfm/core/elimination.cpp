@@ -1,8 +1,9 @@
 // Points eliminated from the normal equations of a window, and its right-hand sides.
 //
 // Given the poses and the modes of the prior, points are independent of each other, so each is eliminated separately,
-// eqs. (27) and (30). The remaining large products are left to the caller's linear algebra.
+// eqs. (27) and (30).
 
+#include "products.hpp"
 #include "window.hpp"
 
 namespace core {
@@ -26,9 +27,11 @@ void reach_of(const double* root, const double* rows, std::size_t n, double* out
     }
 }
 
-void check(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes, std::size_t of_pose) {
-    std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], n = known.shape[0], m = blocks.rig.shape[0];
-    std::size_t k = prior.modes.shape[2], by_frame = blocks.u.shape[1];
+// The rows in a map of the points of the prior.
+std::vector<std::size_t> check(const BlockViews& blocks, const PriorViews& prior, Indices ids, Matrix q, Vector amplitudes,
+                               std::size_t of_pose) {
+    std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], n = prior.ids.shape[0], m = blocks.rig.shape[0];
+    std::size_t k = prior.modes.shape[2], by_frame = blocks.u.shape[1], of_rig = prior.rig.information.shape[0];
     require(by_frame >= of_pose, "a frame has fewer unknowns than its pose");
     require_shape(blocks.u, {frames, by_frame, by_frame}, "u");
     require_shape(blocks.v, {points, 3, 3}, "v");
@@ -42,13 +45,20 @@ void check(const BlockViews& blocks, const PriorViews& prior, Indices known, Mat
     require_shape(prior.mean, {n, 3}, "mean");
     require_shape(prior.cov, {n, 3, 3}, "cov");
     require_shape(prior.modes, {n, 3, k}, "modes");
-    require_shape(prior.rig.information, {m, m}, "information");
-    require_shape(prior.rig.weighted, {m}, "weighted");
+    require_shape(prior.rig.information, {of_rig, of_rig}, "information");
+    require_shape(prior.rig.weighted, {of_rig}, "weighted");
+    require_shape(ids, {points}, "ids");
     require_shape(q, {points, 3}, "q");
     require_shape(amplitudes, {k}, "amplitudes");
-    require(m <= k, "there are fewer modes than errors of the rig");
-    for (std::size_t i = 0; i < n; i++)
-        require(static_cast<std::uint64_t>(known.data[i]) < points, "the prior knows a point that is not of the window");
+    require(of_rig <= k, "there are fewer modes than errors of the rig");
+    require(m == of_rig || m == 0, "the prior has other errors of the rig");
+    std::vector<std::size_t> known(n);
+    Lookup rows{ids};
+    for (std::size_t i = 0; i < n; i++) {
+        known[i] = rows.row(prior.ids.data[i]);
+        require(known[i] != NONE, "the prior knows a point that is not of the window");
+    }
+    return known;
 }
 
 }  // namespace
@@ -65,22 +75,19 @@ EliminatedPoints eliminate_points(Matrices v, Matrices w) {
     return result;
 }
 
-WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes) {
-    return system_of(blocks, prior, known, q, amplitudes, 6);
-}
-
-WIDER WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes,
-                       std::size_t of_pose) {
-    check(blocks, prior, known, q, amplitudes, of_pose);
-    std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = known.shape[0];
-    std::size_t k = prior.modes.shape[2], by_frame = blocks.u.shape[1], own = by_frame - of_pose;
+WIDER WithoutPoints without_points(const BlockViews& blocks, const PriorViews& prior, Indices ids, Matrix q, Vector amplitudes,
+                                   std::size_t of_pose) {
+    const std::vector<std::size_t> known = check(blocks, prior, ids, q, amplitudes, of_pose);
+    std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = known.size();
+    std::size_t all = prior.modes.shape[2], of_rig = prior.rig.information.shape[0], k = all - of_rig + m;  // used modes come first
+    std::size_t by_frame = blocks.u.shape[1], own = by_frame - of_pose;
     std::size_t poses = by_frame * frames, size = poses + k;  // all poses come first, then the amplitudes of each frame's own
     std::vector<std::size_t> column(poses);
     for (std::size_t i = 0; i < poses; i++) {
         std::size_t f = i / by_frame, x = i % by_frame;
         column[i] = x < of_pose ? of_pose * f + x : of_pose * frames + own * f + x - of_pose;
     }
-    WindowSystem result{{size, size}, {n, 3, k}, {points, 3, 3}, {{points, 3, size}, Unset{}}, {points, 3}, {size}};
+    WithoutPoints result{{size, size}, {size}, {points, 3, 3}, {{points, 3, size}, Unset{}}, {points, 3}};
     double* g = result.g.data.get();
     for (std::size_t f = 0; f < frames; f++)
         for (std::size_t x = 0; x < by_frame; x++)
@@ -98,7 +105,7 @@ WIDER WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, 
         g[poses + y] -= amplitudes.data[y];
         result.h[poses + y][poses + y] += 1;
     }
-    const double* off = amplitudes.data + k - m;  // the rig's errors, relative to the prior's mean
+    const double* off = amplitudes.data + all - of_rig;  // the rig's errors, relative to the prior's mean
     for (std::size_t x = 0; x < m; x++)
         g[size - m + x] += prior.rig.weighted.data[x] - std::inner_product(off, off + m, prior.rig.information[x], 0.0);
 
@@ -106,19 +113,19 @@ WIDER WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, 
     std::vector<std::size_t> row_in_prior(points, n);
     Array<double, 2> right(points, 3);
     std::copy(blocks.g_point.data, blocks.g_point.data + 3 * points, right.data.get());
-    std::vector<double> inverse_root(9 * n);  // L⁻¹ with L Lᵀ = D
+    std::vector<double> inverse_root(9 * n), whitened_modes(3 * n * k);  // L⁻¹ with L Lᵀ = D, and L⁻¹F
     for (std::size_t i = 0; i < n; i++) {
-        auto at = static_cast<std::size_t>(known.data[i]);
-        double lower[9], *root = inverse_root.data() + 9 * i, away[3], whitened[3] = {}, *modes = result.modes[i];
+        double lower[9], *root = inverse_root.data() + 9 * i, away[3], whitened[3] = {}, *modes = whitened_modes.data() + 3 * i * k;
+        std::size_t at = known[i];
         require_definite(cholesky<3>(prior.cov[i], lower), "the covariance of a point is not positive definite");
         invert_lower<3>(lower, root);
         for (std::size_t x = 0; x < 3; x++) away[x] = q[at][x] - prior.mean[i][x];
-        for (std::size_t y = 0; y < k; y++)  // three independent sums, which the processor can overlap
-            for (std::size_t x = 0; x < 3; x++) away[x] -= prior.modes[i][x * k + y] * amplitudes.data[y];
+        for (std::size_t y = 0; y < all; y++)  // three independent sums, which the processor can overlap
+            for (std::size_t x = 0; x < 3; x++) away[x] -= prior.modes[i][x * all + y] * amplitudes.data[y];
         for (std::size_t x = 0; x < 3; x++)
             for (std::size_t y = 0; y <= x; y++) {
                 whitened[x] += root[3 * x + y] * away[y];
-                add(root[3 * x + y], prior.modes[i] + y * k, k, modes + x * k);
+                add(root[3 * x + y], prior.modes[i] + y * all, k, modes + x * k);
             }
         for (std::size_t x = 0; x < 3; x++) add(whitened[x], modes + x * k, k, g + poses);
         for (std::size_t x = 0; x < 3; x++)
@@ -135,7 +142,7 @@ WIDER WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, 
         for (std::size_t x = 0; x < 3; x++) {
             double* out = of_modes.data() + x * k;
             if (std::size_t i = row_in_prior[at]; i < n)  // D⁻¹F
-                for (std::size_t z = x; z < 3; z++) add(-inverse_root[9 * i + 3 * z + x], result.modes[i] + z * k, k, out);
+                for (std::size_t z = x; z < 3; z++) add(-inverse_root[9 * i + 3 * z + x], whitened_modes.data() + (3 * i + z) * k, k, out);
             add(1.0, blocks.rig_point[at] + x * m, m, out + k - m);
             for (std::size_t y = x; y < 3; y++) result.given[at][x] += std_given[3 * y + x] * right[at][y];
         }
@@ -144,6 +151,10 @@ WIDER WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, 
         reach_of(std_given, of_frames.data(), poses, result.reach[at], size);
         reach_of(std_given, of_modes.data(), k, result.reach[at] + poses, size);
     }
+    Rows modes{whitened_modes.data(), k}, reach{result.reach.data.get(), size};
+    add_large_product(1.0, down(modes), k, down(modes), k, 3 * n, Needed::LOWER, result.h.data.get() + poses * (size + 1), size);
+    add_large_product(-1.0, down(reach), size, down(reach), size, 3 * points, Needed::LOWER, result.h.data.get(), size);
+    for (std::size_t row = 0; row < 3 * points; row++) add(-result.given.data[row], reach.data + row * size, size, g);
     return result;
 }
 

@@ -1,5 +1,6 @@
 // Marginal estimates of the points of a window, in its newest camera and in the world, eqs. (37) to (41).
 
+#include "products.hpp"
 #include "window.hpp"
 
 namespace core {
@@ -21,15 +22,6 @@ void propagate(const double* jq, const double* qq, const double* jy, const doubl
             int x = 3 * i + j, y = 3 * j + i;
             out[x] = 0.5 * (of_q[x] + of_q[y] + of_y[x] + of_y[y]) + half[x] + half[y];
         }
-}
-
-// Σ a b over k numbers, in four independent sums.
-double sum_of_products(const double* a, const double* b, std::size_t k) {
-    double sums[4] = {};
-    std::size_t whole = k - k % 4;
-    for (std::size_t i = 0; i < whole; i += 4)
-        for (std::size_t lane = 0; lane < 4; lane++) sums[lane] += a[i + lane] * b[i + lane];
-    return std::inner_product(a + whole, a + k, b + whole, sums[0] + sums[1] + (sums[2] + sums[3]));
 }
 
 // out (3, 3) += the symmetric product of rows (3, k) with others.

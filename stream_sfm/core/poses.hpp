@@ -19,6 +19,7 @@ Array<double, 3> orthonormalise(Matrices poses);
 // arrays.cpp
 Array<double, 3> whiten_blocks(Matrices cov, Matrices b);
 Array<double, 2> inverse_root(Matrix matrix, bool repair);
+Array<double, 2> inverse_root_of(Rows matrix, std::size_t n, bool repair);  // of some of its rows and columns
 struct SolvedBySize {
     Array<double, 1> log_det;
     Array<double, 3> mean;

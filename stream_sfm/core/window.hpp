@@ -33,6 +33,9 @@ struct BlocksOf {  // with 6 + e columns per frame: its pose, and e amplitudes o
 };
 using NormalBlocks = BlocksOf<Array>;
 using BlockViews = BlocksOf<View>;
+inline BlockViews views_of(const NormalBlocks& b) {
+    return {b.u, b.v, b.w, b.rig_pose, b.rig_point, b.g_pose, b.g_point, b.rig, b.g_rig};
+}
 Array<double, 2> points_of_views(const WindowState& state, const WindowViews& views);
 Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
                                 Flags stereo, Matrix expected);
@@ -66,32 +69,64 @@ PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, 
                             Matrix given, Indices part, int parts);
 
 // elimination.cpp
-struct RigState {  // information about its errors, and the weighted sums of their amplitudes
+struct RigState {  // errors at their mean, information about them and weighted sums of their amplitudes; where they are held
+    Vector mean;
     Matrix information;
-    Vector weighted;
-    RECORD(RigState, information, weighted)
+    Vector weighted, held;
+    RECORD(RigState, mean, information, weighted, held)
 };
 struct PriorViews {
+    Indices ids;
     Matrix mean;
     Matrices cov, modes;
+    Matrix world_modes;
     RigState rig;
-    RECORD(Prior, mean, cov, modes, rig)
+    RECORD(Prior, ids, mean, cov, modes, world_modes, rig)
 };
 struct EliminatedPoints {
     Array<double, 3> root, reach;
     FIELDS(root, reach)
 };
-struct WindowSystem {
+// Normal equations without points: H (n, n), of which the lower triangle counts, and g (n,); and for the points, roots
+// (P, 3, 3) of their covariances given the others, and in units of these their coupling to the others (P, 3, n) and
+// their own steps (P, 3).
+struct WithoutPoints {
     Array<double, 2> h;
-    Array<double, 3> modes, std_given, reach;
-    Array<double, 2> given;
     Array<double, 1> g;
-    FIELDS(h, modes, std_given, reach, given, g)
+    Array<double, 3> std_given, reach;
+    Array<double, 2> given;
+    FIELDS(h, g, std_given, reach, given)
 };
 EliminatedPoints eliminate_points(Matrices v, Matrices w);
-WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes);
-WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes,
-                       std::size_t of_pose);
+WithoutPoints without_points(const BlockViews& blocks, const PriorViews& prior, Indices ids, Matrix q, Vector amplitudes,
+                             std::size_t of_pose);
+
+// solution.cpp
+template <template <class, std::size_t> class Of>
+struct SolvedOf {
+    Of<double, 2> root, by_rig;
+    Of<double, 3> std_given, reach;
+    Of<double, 1> mean_of_rig;
+    Of<double, 2> cov_of_rig, information_of_rig;
+    RECORD(SolvedWindow, root, by_rig, std_given, reach, mean_of_rig, cov_of_rig, information_of_rig)
+};
+using SolvedWindow = SolvedOf<Array>;
+using SolvedViews = SolvedOf<View>;
+struct MovedWindow {
+    Array<double, 3> cams_from_ref;
+    Array<double, 2> own, q;
+    Array<double, 1> amplitudes, step;
+    RECORD(MovedWindow, cams_from_ref, own, q, amplitudes, step)
+};
+struct WindowStep {
+    SolvedWindow solved;
+    MovedWindow moved;
+    double decrease;
+    FIELDS(solved, moved, decrease)
+};
+WindowStep window_step(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const PriorViews& prior,
+                       Vector amplitudes, bool with_rig, Matrix about_state, Vector weighted_state);
+MovedWindow window_with_rig_moved(const WindowState& state, Vector amplitudes, const SolvedViews& solved, Vector change);
 
 // absorb.cpp
 struct PointsAlone {
@@ -118,7 +153,7 @@ struct LeavingViews {
 PointsAlone points_alone(Matrices v, Matrices w, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step);
 LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Flags stereo,
                            Matrix var_drift, Flags seen_later, Indices known, Matrices cov);
-WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior, Matrices anchors, Matrix q,
+WithoutPoints absorbing_system(const BlockViews& blocks, const PriorViews& prior, Matrices anchors, Matrix q,
                               Vector amplitudes);
 AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, Matrix given, Matrix q, Flags stays,
                                Indices ids_new, Matrix mean_new, Matrices cov_new, Matrices modes_new);

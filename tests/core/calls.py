@@ -69,10 +69,12 @@ def but(record: Record, **others: object) -> Record:
 
 ONE = but(STATE, cams_from_ref=MOTIONS[:1], own=np.zeros((1, 1))), but(SEEN, frame=SLOTS * 0)
 PRIOR = Record(
+    ids=SLOTS,
     mean=POINTS[:, :3],
     cov=COV[:, :3, :3],
     modes=np.zeros((N, 3, 9)),
-    rig=Record(information=np.eye(8), weighted=np.ones(8)),
+    world_modes=np.ones((23, 9)),
+    rig=Record(mean=np.zeros(8), information=np.eye(8), weighted=np.ones(8), held=np.ones(8)),
 )
 PART = Record(
     root=COV[:, :3, :3], reach=SHARED[:, :3], covariant=SHARED[:, :3], with_both=np.zeros((N, 3, 12)),
@@ -183,6 +185,8 @@ CALLS = {
     "quaternions": (COV[:, :3, :3],),
     "orthonormalise": (MOTIONS,),
     "inverse_root": (np.eye(6), True),
+    "_large_product": (SHARED[:, :, 0], SHARED[0], True),
+    "_large_gram": (SHARED[:, :, 0],),
     "solved_by_size": (np.eye(3), np.ones((3, 2)), np.ones((4, 3))),
     "reflections": (POINTS[:, :3],),
     "minor_directions": (np.eye(6), 0.5),
@@ -201,7 +205,11 @@ CALLS = {
     "poses_by_parts": (PINHOLES, STATE, SEEN, np.ones((N, 3, 6 * N)), np.ones((N, 3)), SLOTS % 3, 3),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
-    "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN, True), PRIOR, SLOTS, POINTS[:, :3], np.zeros(9)),
+    "window_step": (PINHOLES, STATE, SEEN, PRIOR, np.zeros(9), True, np.eye(29), np.ones(29)),
+    "window_with_rig_moved": (
+        STATE, np.zeros(9),
+        core.window_step(PINHOLES, STATE, SEEN, PRIOR, np.zeros(9), True, np.zeros((0, 0)), np.zeros(0))[0], np.ones(8),
+    ),
     "points_alone": (COV[:, :3, :3], np.zeros((N, 3, 7)), POINTS[:, :3], SHARED[:, :3], POINTS[:, :3], np.ones(2)),
     "disparity_effects": (PINHOLES, POINTS, np.eye(4), VIEWS),
     "leaving_views": (

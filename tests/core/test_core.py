@@ -182,6 +182,17 @@ def test_whitened_blocks_have_unit_covariance() -> None:
     assert np.swapaxes(whitened, 1, 2) @ whitened == pytest.approx(squares, rel=1e-9)
 
 
+@pytest.mark.parametrize(("p", "n", "q"), [(1, 1, 1), (3, 5, 9), (131, 129, 23), (40, 300, 139), (2, 0, 3)])
+def test_large_products_are_those_of_numpy(p: int, n: int, q: int) -> None:
+    """Sums of n terms in another order: each rounding is at most 10⁻¹⁶ of the sum of absolute terms."""
+    a, b = RNG.normal(size=(p, n)), RNG.normal(size=(n, q))
+    bound = 1e-16 * (n + 1) * (np.abs(a) @ np.abs(b))
+    assert (np.abs(core._large_product(a, b, False) - a @ b) <= bound).all()
+    assert (np.abs(core._large_product(a, np.triu(b), True) - a @ np.triu(b)) <= bound).all()
+    bound = 1e-16 * (n + 1) * (np.abs(b).T @ np.abs(b))
+    assert (np.abs(core._large_gram(b) - np.tril(b.T @ b)) <= bound).all()
+
+
 @pytest.mark.parametrize("columns", [RNG.normal(size=(N, 3)), np.eye(N)[:, :2], np.zeros((N, 1)), np.zeros((N, 0))])
 def test_reflections_turn_the_first_axes_into_the_columns(columns) -> None:
     along, axes = core.reflections(columns)

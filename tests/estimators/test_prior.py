@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from stream_sfm import core
 from stream_sfm.core import NormalBlocks
 from stream_sfm.estimators.window.inverse_depth import State, linearise
 from stream_sfm.estimators.window.normal_equations import CovariancePart, System
@@ -247,8 +248,8 @@ def test_a_change_of_the_rig_adds_to_its_errors_alone(prior, weighted) -> None:
     assert not after.rig.steady
 
 
-def window_of(prior: Prior, rng: np.random.Generator) -> tuple[State, NormalBlocks, System]:
-    """Views of all points by two cameras, linearised."""
+def window_of(prior: Prior, rng: np.random.Generator) -> tuple[State, NormalBlocks, core.MovedWindow, float, System]:
+    """Views of all points by two cameras, linearised, the state after a step, the decrease, and the factored system."""
     cams = se3.exp(0.05 * rng.normal(size=(FRAMES, 6)))
     anchors = np.concatenate([ANCHORS, np.broadcast_to(np.eye(4), (3, 4, 4))])
     q = np.concatenate([prior.mean, [[0.1, 0.2, 0.3], [-0.2, 0.1, 0.25], [0.0, -0.1, 0.4]]])
@@ -262,9 +263,10 @@ def window_of(prior: Prior, rng: np.random.Generator) -> tuple[State, NormalBloc
         rng.normal(size=(len(z), 4, M)),
         own=rng.normal(size=(len(z), 4, E)),
     )
-    state = State(cams, np.arange(TOTAL), anchors, q, np.zeros(M), rng.normal(size=(FRAMES, E)))
+    state = State(cams, np.arange(TOTAL), anchors, q, prior.rig.mean, rng.normal(size=(FRAMES, E)))
     lin = linearise(P, state, views)
-    return state, lin, System(prior, np.arange(N), lin, q, np.zeros(K))
+    solved, moved, decrease = core.window_step(P, state, views, prior, np.zeros(K), True, np.zeros((0, 0)), np.zeros(0))
+    return state, lin, moved, decrease, System.of(prior, state.ids, solved, state.own.size)
 
 
 def dense_window(prior: Prior, lin: NormalBlocks) -> tuple[np.ndarray, np.ndarray]:
@@ -282,7 +284,7 @@ def dense_window(prior: Prior, lin: NormalBlocks) -> tuple[np.ndarray, np.ndarra
 
 def test_marginals_are_the_joint_covariance_propagated(prior) -> None:
     """WC and CC come from one joint covariance: against numerical propagation of the same, written out densely."""
-    state, lin, system = window_of(prior, np.random.default_rng(9))
+    state, lin, _, _, system = window_of(prior, np.random.default_rng(9))
     marginals = Marginals.compute(system, state, prior.world_from_ref)
     information, points = dense_window(prior, lin)[0], slice(6 * FRAMES, 6 * FRAMES + 3 * TOTAL)
     cov, cov_given = np.linalg.inv(information), np.zeros_like(information)
@@ -321,33 +323,30 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     rng = np.random.default_rng(8)
     held = prior.rig.mean + rng.normal(size=M)
     prior = replace(prior, rig=replace(prior.rig, held=held, weighted=rng.normal(size=M)))
-    _, lin, system = window_of(prior, rng)
-    dx, _, dq, dy, decrease = system.step()
+    state, lin, moved, decrease, system = window_of(prior, rng)
     a, b = 6 * FRAMES, 3 * TOTAL
     h, g = dense_window(prior, lin)
     cov = np.linalg.inv(h)
     delta = cov @ g
     gain = cov[:, -M:] @ np.linalg.inv(cov[-M:, -M:])
-    mean, of_views, information_of_rig = system.rig_errors()
+    mean, of_views, information_of_rig = system.solved[-3:]
     assert of_views @ information_of_rig == pytest.approx(np.eye(M), abs=1e-9)
     assert mean == pytest.approx(prior.rig.mean + delta[-M:], rel=1e-6)
     assert of_views == pytest.approx(cov[-M:, -M:], rel=1e-6)
     delta = delta + gain @ (held - mean)
     change = rng.normal(size=M)
-    px, _, pq, py = system.follow_rig(change)
-    followed = np.concatenate([px.ravel(), pq.ravel(), prior.world_modes @ py, py[-M:]])
-    assert np.abs((followed - gain @ change) / np.sqrt(np.diag(cov))).max() < 1e-6
+    followed = core.window_with_rig_moved(state, np.zeros(K), system.solved, change)
+    assert np.abs((_step(prior, state, followed) - gain @ change) / np.sqrt(np.diag(cov))).max() < 1e-6
     if own:
         cov_held = spd(rng, 1, M, 0.05)[0]
-        system.cov_rig = cov_held
+        system = system.with_cov_rig(cov_held)
         cov = cov + gain @ (cov_held - cov[-M:, -M:]) @ gain.T
     scale = np.sqrt(np.diag(cov))
     by_rig = np.concatenate(
         [system.by_rig[:a], prior.world_modes @ np.concatenate([system.by_rig[system.at["modes"]], np.eye(M)])]
     )
     assert by_rig == pytest.approx(gain[np.r_[:a, a + b : a + b + 6]], rel=1e-6, abs=1e-9)
-    found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy, dy[-M:]])
-    assert np.abs((found - delta) / scale).max() < 1e-6
+    assert np.abs((_step(prior, state, moved) - delta) / scale).max() < 1e-6
     assert decrease == pytest.approx(g @ delta + without_own(lin)[2], rel=1e-9)
     own, by_rig_errors = system.covariances(FRAMES - 1)
     qq_given, of_both_given, both_given = _joint(system, own)
@@ -369,9 +368,17 @@ def test_system_is_the_dense_solution(prior, own) -> None:
         assert np.abs((mine - theirs) / np.outer(rows, np.broadcast_to(columns, mine.shape[1]))).max() < 1e-5
 
 
+def _step(prior: Prior, before: State, after: core.MovedWindow) -> np.ndarray:
+    """The step of poses, points, world and rig between two states."""
+    poses = se3.log(after.cams_from_ref @ se3.inverse(before.cams_from_ref)).ravel()
+    by = after.amplitudes
+    assert after.step == pytest.approx(np.concatenate([poses, (after.own - before.own).ravel(), by]))
+    return np.concatenate([poses, (after.q - before.q).ravel(), prior.world_modes @ by, by[-M:]])
+
+
 def _joint(system: System, part: CovariancePart, alone: float = 1.0) -> tuple[np.ndarray, ...]:
     """Covariances of points (n, 3, 3), with pose and world (3n, 12), and of both, of one part; `alone`: in units."""
-    root = system.std_given
+    root = system.solved.std_given
     qq = root @ (alone * np.eye(3) + part.reach @ np.swapaxes(part.covariant, 1, 2)) @ np.swapaxes(root, 1, 2)
     return qq, -(root @ part.with_both).reshape(-1, 12), part.both
 

@@ -312,8 +312,9 @@ def _solution_of(
 ) -> Solution:
     """Return the status of the newest frame with the marginals and the window's poses; `known`: points before it."""
     now, ids, used = current.marginals, current.views.ids[current.newest], current.views.used[current.newest]
-    n_accepted = int(np.count_nonzero(used & core.among(ids, known)))  # by the joint minimum, too
-    status, reason = frame_status(n_accepted, observations.note, rules.of(RobustRules), motion)
+    sought = core.among(ids, known) & ~current.rejections.excluded(ids)
+    counts = int(np.count_nonzero(used & sought)), int(np.count_nonzero(sought))  # accepted by the joint minimum, too
+    status, reason = frame_status(*counts, observations.note, rules.of(RobustRules), motion)
     shown = core.among(now.ids, ids[used]) & now.finite
     shown &= ~core.among(now.ids, current.restarted)
     columns = now.points_in_cam, now.cov_points, now.points_in_world, now.cov_points_in_world

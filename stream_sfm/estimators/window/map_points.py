@@ -43,10 +43,6 @@ class MapPoints:
             np.concatenate([self.ref_from_anchor, anchors])[order],
         )
 
-    def moved(self, dq: Array) -> "MapPoints":
-        """Return the points moved by (P, 3)."""
-        return changed(self, q=self.q + dq)
-
     def seen_from(self, cam_from_ref: Array) -> "MapPoints":
         """Return the points for another reference camera (4, 4); their anchors stay."""
         return changed(self, ref_from_anchor=se3.orthonormalise(cam_from_ref @ self.ref_from_anchor))

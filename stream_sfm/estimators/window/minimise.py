@@ -6,7 +6,7 @@ from ... import core
 from ...config import WindowConfig
 from ...geometry.gates import chi2_gate
 from ...record import changed
-from .inverse_depth import linearise, slides_px2
+from .inverse_depth import slides_px2
 from .normal_equations import System
 from .state import WindowState
 from .unknowns.velocities import is_timed, renewed_timing
@@ -14,6 +14,7 @@ from .unknowns.velocities import is_timed, renewed_timing
 # Views that a minimum gates out, and new velocities, enlarge the decrease that the next step predicts. One that is
 # smaller than this, σ², is that of such a change: at most one standard deviation is left after the step.
 _CHANGED = 1e4
+_NOT_INERTIAL = np.zeros((0, 0)), np.zeros(0)
 
 
 def minimised(current: WindowState, rules: WindowConfig, gate_probability: float) -> tuple[WindowState, int]:
@@ -41,14 +42,23 @@ def minimised(current: WindowState, rules: WindowConfig, gate_probability: float
 
 def gauss_newton_step(current: WindowState) -> tuple[WindowState, float]:
     """Move poses, points and modes by one step, and return the predicted decrease of the sum of squares."""
-    blocks, inertial = linearise(current.projection, current.state, current.views), None
-    known = np.searchsorted(current.points.ids, current.prior.ids)
+    after, solved, decrease = stepped(current, with_rig=True)
+    return changed(after, solved=System.of(current.prior, current.points.ids, solved, current.own.size)), decrease
+
+
+def stepped(current: WindowState, with_rig: bool) -> tuple[WindowState, core.SolvedWindow, float]:
+    """Return the state after one step, the factored normal equations, and the predicted decrease.
+
+    Without `with_rig` the rig's errors are not among the unknowns, and stay where they are.
+    """
+    about = _NOT_INERTIAL
     if current.inertia is not None and current.frames:
-        inertia, inertial = current.inertia.linearised(current.cams_from_ref, current.inertial_state)
+        inertia, about = current.inertia.linearised(current.cams_from_ref, current.inertial_state)
         current = changed(current, inertia=inertia)
-    system = System(current.prior, known, blocks, current.points.q, current.amplitudes, inertial)
-    *change, decrease = system.step()
-    return changed(current.moved(*change), solved=system), decrease
+    solved, after, decrease = core.window_step(
+        *(current.projection, current.state, current.views, current.prior, current.amplitudes, with_rig), *about
+    )
+    return current.moved(after), solved, decrease
 
 
 def without_undetermined(current: WindowState) -> WindowState:

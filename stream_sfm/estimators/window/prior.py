@@ -25,7 +25,7 @@ from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
 from .inertia.interval import JOINT, OF_LEAVING, Leaving
 from .layout import Layout, layout
-from .rig_state import NO_RIG, RigState
+from .rig_state import RigState
 
 # A mode is negligible if it adds less to the variance of anything reported (a pose, a motion, a point) than this share
 # of the variance by the points' own noise. With 0.5, poses move by 0.02 to 0.05 of their σ against a prior that keeps
@@ -167,11 +167,7 @@ class Prior:
         (ids_new, mean_new, cov_new, by_own, by_rig), e = new, new[3].shape[2]
         at = self._with_frame(e, leaving is not None)
         world, state, world_modes = self._seen_from(cam_from_ref, amplitudes, leaving, at)
-        s, whitened_modes, std, half, given, right = core.absorbing_system(blocks, self, anchors, q, amplitudes)
-        flat_modes, flat_half = whitened_modes.reshape(-1, len(s) - e), half.reshape(-1, len(s))
-        s[e:, e:] += flat_modes.T @ flat_modes
-        s -= flat_half.T @ flat_half
-        right -= flat_half.T @ given.ravel()
+        s, right, std, half, given = core.absorbing_system(blocks, self, anchors, q, amplitudes)
         s, right = self._with_leaving(leaving, s, right, at)
         others, own = Elimination(s, at["rig"].start), at["rig"].start
         step, weighted = others.reduced(right)
@@ -256,17 +252,6 @@ class Prior:
         rows[VELOCITY, at["velocity"]] = np.eye(3)
         rows[BIASES, at["walk"]] = np.diag(leaving.std_walk)
         return state, rows
-
-    def given_rig(self, amplitudes: Array) -> "Prior":
-        """Return the prior given the amplitudes (m,) of the rig's errors: that of an exact rig."""
-        own = self.modes.shape[2] - len(amplitudes)
-        return changed(
-            self,
-            mean=self.mean + self.modes[..., own:] @ amplitudes,
-            modes=np.ascontiguousarray(self.modes[..., :own]),
-            world_modes=self.world_modes[:, :own],
-            rig=NO_RIG,
-        )
 
     def with_field(self, n: int) -> "Prior":
         """Return the prior with n more errors of the rig, of a field without any effect on its points so far."""

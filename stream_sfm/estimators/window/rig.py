@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ... import core
 from ...geometry import Array
 from ...record import changed
 from ...rig_model.estimate import RigEstimate
@@ -17,11 +18,13 @@ def judged_rig(current: WindowState) -> tuple[WindowState, RigEstimate | None]:
     rig, system = current.prior.rig, current.system
     if not len(rig):
         return current, None
-    mean, cov, information = system.rig_errors()
+    views = system.solved
+    mean, cov, information = views.mean_of_rig, views.cov_of_rig, views.information_of_rig
     agreement = rig.parts.agreement
     counted = rig.tempered(mean, cov, information) if rig.steady else (mean, cov)
     rig, found = rig.contradicted(mean, cov).judged(*counted, agreement)
-    current = current.moved(*system.follow_rig(rig.held - current.rig_error))
+    change = rig.held - current.rig_error
+    current = current.moved(core.window_with_rig_moved(current.state, current.amplitudes, system.solved, change))
     age = rig.age_s(current.newest_frame.stamp_ns)
     by_parts = (None, None) if agreement is None else (agreement.evidence, agreement.thirds)
     estimate = RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, None, age, *by_parts)

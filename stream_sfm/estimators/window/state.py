@@ -150,18 +150,19 @@ class WindowState:
         seen = core.times_among(ids, self.views.ids, self.views.used) >= fewest
         return ids[seen | core.among(ids, self.prior.ids)]
 
-    def moved(self, dx: Array, down: Array, dq: Array, dy: Array) -> "WindowState":
-        """Move poses by (F, 6), amplitudes of the frames by (F, e), points by (P, 3) and those of the modes by (k,)."""
+    def moved(self, to: core.MovedWindow) -> "WindowState":
+        """Return the state with all its variables after a step."""
         inertia = self.inertia
         if inertia is not None and self.frames:
-            inertia = inertia.moved(dx, self.prior.world_modes[JOINT["state"]] @ dy)
+            of_poses, of_modes = to.step[: 6 * len(self.frames)], to.step[-len(to.amplitudes) :]
+            inertia = inertia.moved(of_poses, self.prior.world_modes[JOINT["state"]] @ of_modes)
         return changed(
             self,
             inertia=inertia,
-            cams_from_ref=se3.orthonormalise(se3.exp(dx) @ self.cams_from_ref),
-            own=self.own + down,
-            points=self.points.moved(dq),
-            amplitudes=self.amplitudes + dy,
+            cams_from_ref=to.cams_from_ref,
+            own=to.own,
+            points=changed(self.points, q=to.q),
+            amplitudes=to.amplitudes,
         )
 
     def with_prior(self, prior: Prior) -> "WindowState":

@@ -9,8 +9,7 @@ import numpy as np
 
 from .... import core
 from ....record import changed
-from ..inverse_depth import linearise
-from ..minimise import without_undetermined
+from ..minimise import stepped, without_undetermined
 from ..normal_equations import System
 from ..state import WindowState
 from .halves import SpanFactors, squares_of_halves
@@ -45,22 +44,8 @@ def _reported(
     own = np.full_like(views.weight, 1 / factor) * np.sqrt(share)[:, None]
     views = changed(views, root=views.root * (own / views.weight)[:, None, :], weight=own)
     result = without_undetermined(changed(current, views=views))  # nothing of it is fed back
-    m, k, inertial = len(result.prior.rig), len(result.amplitudes), None
-    if result.inertia is not None:
-        inertia, inertial = result.inertia.linearised(result.cams_from_ref, result.inertial_state)
-        result = changed(result, inertia=inertia)
-    system = System(
-        result.prior.given_rig(result.amplitudes[k - m :]),
-        np.searchsorted(result.points.ids, result.prior.ids),
-        linearise(result.projection, result.state, result.views, with_rig=False),
-        result.points.q,
-        result.amplitudes[: k - m],
-        inertial,
-        beside=current.system,
-    )
+    result, solved, _ = stepped(result, with_rig=False)
     if learns:
         noise = noise.after(*residuals)
-    dx, down, dq, dy, _ = system.step()
-    system = system.with_rig_of(current.system, np.searchsorted(current.points.ids, result.points.ids))
-    result = result.moved(dx, down, dq, np.concatenate([dy, np.zeros(m)]))
+    system = System.of(current.system.prior, result.points.ids, solved, result.own.size, beside=current.system)
     return changed(result, solved=system), factors, noise
