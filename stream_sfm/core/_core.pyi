@@ -525,6 +525,15 @@ class Preintegrated(tuple[Array, Array, Array, Array, Array, Array]):
     cov_gyro: Array
     cov_accel: Array
 
+class WeighedInnovation(tuple[float, Array, float, float]):
+    # How far two motions are apart: `distance2`, 6 on average; `log_likelihoods` (2,) of rotation and translation,
+    # without the constant; and the time `late_s` in which the camera moves by the difference, with its variance
+    # `var_s2`, eq. (86a).
+    distance2: float
+    log_likelihoods: Array
+    late_s: float
+    var_s2: float
+
 RECORDS: dict[str, tuple[bool, str, list[tuple[str, str]]]]  # is returned; help; fields, types
 
 def absorbed_points(
@@ -616,6 +625,9 @@ def inertial_motion(
 def inertial_rows(
     intervals: Intervals, cams: Array, lead: Array, velocities: Array, state: Array, cam_from_imu: Array
 ) -> tuple[Array, Array, Array]: ...
+def innovation(
+    expected: Array, cov_expected: Array, cam_from_previous: Array, cov: Array, std_slide_rad: float
+) -> tuple[Array, Array, Array, float]: ...
 def inside_area(area: Mask, at_px: Array) -> Mask: ...
 def inverse_root(matrix: Array, repair: bool) -> Array: ...
 def leaving_views(
@@ -801,6 +813,7 @@ def views_within_gates(
 def warp_patches(
     stored: Image, slots: Pixels, anchor_from_now: Array, radius_px: int, spacing_px: int, rules: TemplateRules
 ) -> tuple[Grey, Array, Grey]: ...
+def weigh_innovation(apart: Array, cov: Array, twist: Array) -> WeighedInnovation: ...
 def whiten_blocks(cov: Array, b: Array) -> Array: ...
 def whitening_of_views(z_px: Array, cov_px: Array) -> Array: ...
 def widened_points(points_in_cam: Array, cov_points_in_world: Array, world_from_cam: Array, cov: Array) -> Array: ...

@@ -107,6 +107,8 @@ CALLS = {
         [(("text", "s", None, 0), ("numbers", "d", -1, 8), ("parts", (("is", "?", None, 0),), -1, 0))],
         [Record(text="σ", numbers=np.arange(3.0), parts=[Record(**{"is": True})])],
     ),
+    "innovation": (np.eye(4), np.eye(6), np.eye(4), np.eye(6), 0.1),
+    "weigh_innovation": (np.ones(6), np.eye(6), np.ones(6)),
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40, POINT_RULES),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
