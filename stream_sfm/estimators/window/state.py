@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...config import WindowConfig
-from ...geometry import Array, se3
-from ...geometry.linear import symmetric
+from ...geometry import Array
 from ...geometry.stereo import StereoProjection
 from ...record import changed, record
 from .ambiguous_motions import AmbiguousMotions
@@ -177,11 +176,8 @@ class WindowState:
     @property
     def cov_pose(self) -> Array:
         """The covariance (6, 6) of the newest pose in the world from the latest system."""
-        own, rig = self.system.pose_and_world(len(self.frames) - 1)
-        by_both = np.concatenate([-np.eye(6), se3.adjoint(self.newest_cam_from_ref)], axis=1)
-        own, rig = by_both @ own, by_both @ rig
-        return symmetric(own @ own.T + rig @ self.system.cov_rig @ rig.T) + self.cov_ambiguous
+        return core.newest_pose_covariance(self.state, self.system) + self.cov_ambiguous
 
     def newest_marginals(self) -> Marginals:
         """Return the marginals of the newest frame from the latest system."""
-        return Marginals.compute(self.system, self.state, self.world_from_ref).widened(self.cov_ambiguous)
+        return Marginals.compute(self.system, self.state, self.world_from_ref, self.cov_ambiguous)
