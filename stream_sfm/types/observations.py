@@ -1,6 +1,6 @@
 """The observations of the front-end in a frame, and what it notices about the rig."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated
 
 import numpy as np
@@ -148,7 +148,7 @@ class ExpectedMotion:
         return f"<ExpectedMotion since {self.since_ns} ns>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class Observations:
     """What the front-end found in one frame, in pixels of the rectified images.
 
