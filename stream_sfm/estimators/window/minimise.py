@@ -6,7 +6,6 @@ from ... import core
 from ...config import WindowConfig
 from ...geometry.gates import chi2_gate
 from ...record import changed
-from .inverse_depth import slides_px2
 from .normal_equations import System
 from .state import WindowState
 from .unknowns.velocities import is_timed, renewed_timing
@@ -77,7 +76,6 @@ def without_undetermined(current: WindowState) -> WindowState:
 def gated(current: WindowState, probability: float) -> WindowState:
     """Stop using the views that contradict the joint minimum, each by its own covariance and slide, eq. (26a)."""
     views, gates = current.views, (chi2_gate(2, probability), chi2_gate(4, probability))
-    slides = slides_px2(current.projection, views)
-    used = core.views_within_gates(current.projection, current.state, views, slides, *gates)
+    used = core.views_within_gates(current.projection, current.state, views, views.var_drift, *gates)
     rejections = current.rejections.with_more(views.ids[views.used & ~used])
     return changed(current, rejections=rejections, views=changed(views, used=used))
