@@ -3,11 +3,10 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter
-
 from ..errors import ConfigError, ExitCode
 from . import options
 from .printing import print_error, print_json, print_notes
+from .tables import Parameter
 
 
 def batch(

@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from cyclopts import Parameter
-
 from ..errors import RigError
 from . import options
 from .printing import number, print_json, print_notes, print_table
+from .tables import Parameter
 
 
 def refine(

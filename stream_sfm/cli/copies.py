@@ -2,20 +2,22 @@
 
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import App, Parameter
-
 from ..errors import ExitCode
 from ..system.wording import printable
 from . import options
 from .printing import print_json, print_notes
+from .tables import Family, Parameter
 
 if TYPE_CHECKING:
     from ..logs.importers import Imported
 
-import_ = App(name="import")
-import_.help = """Convert a KITTI or EuRoC recording, or folders of images, to a log.
+import_ = Family(
+    "import",
+    """Convert a KITTI or EuRoC recording, or folders of images, to a log.
 
-Writes a log (MCAP) that `replay`, Foxglove and Rerun read. Image files are copied unchanged."""
+Writes a log (MCAP) that `replay`, Foxglove and Rerun read. Image files are copied unchanged.""",
+    [],
+)
 DataSet = Annotated[str, Parameter("DIR")]
 Files = Annotated[list[str], Parameter(consume_multiple=True, metavar="FILES")]
 

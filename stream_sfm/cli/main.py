@@ -1,20 +1,19 @@
 """`stream-sfm`: parse, call, and turn errors into exit codes, which are in `errors.py`.
 
 A command is a function beside this file: its signature is its options, its docstring its help. Heavy imports happen
-in the functions, so that `--help` answers at once; that of Cyclopts, too, as `settle` makes imports cheaper.
+in the functions, so that `--help` answers at once, and Cyclopts only where a command line is not plain (`quick.py`).
 """
 
 import errno
-import inspect
 import io
 import logging
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from typing import TYPE_CHECKING, TextIO
+from functools import partial
+from typing import TextIO
 
-from .. import __version__
 from ..errors import STUDY, ExitCode, StreamSfmError
 from ..system import memory
 from ..system.interrupts import termination_as_interrupt
@@ -22,78 +21,18 @@ from ..system.wording import printable
 from .library_messages import filtered
 from .printing import print_error
 from .process import settle
+from .quick import call_of
+from .usage import hint, rewritten, usage_error
 
-if TYPE_CHECKING:
-    from cyclopts import App
-
-# Where each command is; only the files of those that the command line names are imported.
-COMMANDS = {
-    "replay": "replay:replay",
-    "live": "replay:live",
-    "evaluate": "finished_runs:evaluate",
-    "view": "finished_runs:view",
-    "compare": "compare:compare",
-    "batch": "batch:batch",
-    "inspect": "inspect:inspect",
-    "surface": "surface:surface",
-    "import": "copies:import_",
-    "refine": "calibrations:refine",
-    "recover": "copies:recover",
-    "convert-calibration": "calibrations:convert_calibration",
-    "simulate": "simulate:simulate",
-    "config": "config:config",
-}
-_EXIT_CODES = (
-    "Exit codes: 0 success; 1 internal error (a defect of stream-sfm); 2 wrong usage or configuration; 3 input "
-    "unreadable, unsuitable or only partly read; 130 interrupted, with all results so far written. "
-    "With --debug, every command prints the traceback of an error as well."
-)
 _NO_MEMORY = "the system refuses the memory that is needed: allow this process more (ulimit -v), or use smaller images"
 # Errors of a full or failing disk, an exceeded quota or a closed terminal: not defects of the program.
 _REFUSED_BY_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
-
-
-def build_app(words: Sequence[str] = ()) -> "App":
-    """The application with all commands, and with the one that installs completions where `words` may ask for it."""
-    from cyclopts import App, Parameter
-
-    app = App(
-        name="stream-sfm",
-        help="Estimate camera motion and local 3-D structure, with covariances, from stereo recordings.",
-        help_format="plaintext",
-        help_epilogue=_EXIT_CODES,
-        version=f"stream-sfm {__version__}",
-        # the last of two equal options wins, so that scripts can append theirs
-        default_parameter=Parameter(negative=(), show_default=False, allow_repeating=True),
-        result_action="return_value",
-        exit_on_error=False,
-        print_error=False,
-        suppress_keyboard_interrupt=False,
-    )
-    for key, (name, place) in enumerate(COMMANDS.items()):
-        app.command(f"{__package__}.{place}", name=name, sort_key=key)
-    if not words or words[0].startswith("-"):
-        app.register_install_completion_command(help="Install completion for your shell.")
-    _complete_help(app, words[:1] if words and words[0] in COMMANDS else COMMANDS)
-    return app
-
-
-def _complete_help(app: "App", names: Iterable[str]) -> None:
-    """Let the help of these commands be wrapped at the width of the terminal, not where the docstrings are."""
-    for sub in (app[name] for name in names if not name.startswith("-")):
-        sub.help_epilogue = ""  # not the exit codes again
-        if doc := sub.default_command and inspect.getdoc(sub.default_command):
-            paragraphs = doc.partition("\n\nArgs:")[0].split("\n\n")
-            sub.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
-        _complete_help(sub, sub)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     settle()
     _open_missing_streams()
-    from .usage import rewritten
-
     words = rewritten(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
@@ -109,7 +48,7 @@ def _main(words: list[str], debug: bool) -> int:
             stream.reconfigure(errors="backslashreplace")
     try:
         with _logging_to_stderr():
-            return _run(build_app(words), words, debug)
+            return _run(words, debug)
     except BrokenPipeError:  # the reader of our output has gone, for example `| head`
         _discard(sys.stdout, sys.stderr)
         return ExitCode.DONE
@@ -146,24 +85,30 @@ def _logging_to_stderr() -> Iterator[None]:
         logger.removeHandler(handler)
 
 
-def _run(app: "App", words: list[str], debug: bool) -> int:
+def _run(words: list[str], debug: bool) -> int:
     """Run one command: the one place where errors become exit codes."""
     try:
-        _, apps, rest = app.parse_commands(words)
-        if apps[-1].default_command is None and not rest:  # nothing, or `import` alone
-            app.help_print(words, console=app.error_console)
-            return ExitCode.USAGE
-        if not (rest and set(rest) <= {"-h", "--help", "--version"}) and not memory.is_enough():
+        is_help, call = False, call_of(words)
+        if call is None:
+            from .app import build_app
+
+            app = build_app(words)
+            _, apps, rest = app.parse_commands(words)
+            if apps[-1].default_command is None and not rest:  # nothing, or `import` alone
+                app.help_print(words, console=app.error_console)
+                return ExitCode.USAGE
+            is_help, call = bool(rest) and set(rest) <= {"-h", "--help", "--version"}, partial(app, words)
+        if not is_help and not memory.is_enough():
             print_error(_NO_MEMORY)
             return ExitCode.INPUT
         with termination_as_interrupt():
-            code = app(words)
+            code = call()
             sys.stdout.flush()
             return ExitCode.DONE if code is None else int(code)  # None: nothing to report, as of --help
     except BrokenPipeError:
         raise
     except (Exception, KeyboardInterrupt) as error:
-        ended, message, advice = _reported(app, words, error)
+        ended, message, advice = _reported(words, error)
         if debug:
             import traceback
 
@@ -174,17 +119,14 @@ def _run(app: "App", words: list[str], debug: bool) -> int:
         return ended
 
 
-def _reported(app: "App", words: list[str], error: BaseException) -> tuple[int, str, str]:
+def _reported(words: list[str], error: BaseException) -> tuple[int, str, str]:
     """Exit code, message and advice of an error."""
-    from cyclopts import CycloptsError
-
-    from .usage import hint, usage_error
-
+    # Cyclopts may not be loaded, and that is not to be done with the last memory or file
+    if "cyclopts" in sys.modules and (usage := usage_error(words, error)):
+        return ExitCode.USAGE, *usage
     match error:
-        case CycloptsError():
-            return ExitCode.USAGE, *usage_error(app, words, error)
         case StreamSfmError():
-            return error.exit_code, str(error), hint(app, words, error)
+            return error.exit_code, str(error), hint(words, error)
         case KeyboardInterrupt():
             return ExitCode.INTERRUPTED, "interrupted", ""
         case ModuleNotFoundError(name=str(name)) if name.partition(".")[0] in STUDY:

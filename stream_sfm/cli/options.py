@@ -7,24 +7,21 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
-
-from cyclopts import Group, Parameter, Token
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from ..errors import ConfigError
 from ..methods import METHODS
+from .tables import Group, Parameter
 
 if TYPE_CHECKING:
     from ..config import Config
     from ..logs.recording.truth_file import GroundTruthFile
     from ..types import Selection
 
-T = TypeVar("T")
-
 # In the order of the help.
-RESULTS, CAMERAS, FRAMES = Group("Results", sort_key=1), Group("Cameras", sort_key=2), Group("Frames", sort_key=3)
-SETTINGS, TRUTH = Group("Settings", sort_key=4), Group("Ground truth", sort_key=5)
-PARALLEL, GENERAL = Group("Parallel work", sort_key=6), Group("General", sort_key=7)
+RESULTS, CAMERAS, FRAMES = Group("Results", 1), Group("Cameras", 2), Group("Frames", 3)
+SETTINGS, TRUTH = Group("Settings", 4), Group("Ground truth", 5)
+PARALLEL, GENERAL = Group("Parallel work", 6), Group("General", 7)
 
 if TYPE_CHECKING:
     Method = str
@@ -32,14 +29,9 @@ else:
     Method = Literal[tuple(METHODS)]
 
 
-def each(parse: Callable[[str], T]) -> Callable[[Any, Sequence[Token]], Any]:
-    """Convert the word after an option with `parse`, which raises ValueError with the text to show."""
-    return lambda _kind, tokens: parse(tokens[-1].value)
-
-
-def _at_least(least: int) -> Callable[[Any, int | None], None]:
-    def check(_kind: Any, value: int | None) -> None:
-        if value is not None and value < least:
+def _at_least(least: int) -> Callable[[int], None]:
+    def check(value: int) -> None:
+        if value < least:
             raise ValueError(f"give a whole number of at least {least}")
 
     return check
@@ -91,8 +83,8 @@ def _std_truth(text: str) -> tuple[float, float]:
     return std_m, std_rad
 
 
-def _one_or_two(_kind: Any, files: list[str] | None) -> None:
-    if files and len(files) > 2:
+def _one_or_two(files: list[str]) -> None:
+    if len(files) > 2:
         raise ValueError("give one file, or two: left and right")
 
 
@@ -104,7 +96,6 @@ def _setting_names(_context: Any) -> list[str]:
 
 
 # Kinds of arguments; where there is no help here, the docstring of a command says what each is for.
-_PLACE = each(_place)
 Log = Annotated[str, Parameter("LOG")]
 Run = Annotated[str, Parameter("RUN")]
 Recording = Annotated[
@@ -116,14 +107,14 @@ Count = Annotated[int, Parameter(validator=_at_least(1), metavar="N")]
 MaybeCount = Annotated[int | None, Parameter(validator=_at_least(1), metavar="N")]
 MaybeSize = Annotated[
     tuple[int, int] | None,
-    Parameter(group=CAMERAS, converter=each(_size), n_tokens=1, accepts_keys=False, metavar="WxH"),
+    Parameter(group=CAMERAS, converter=_size, n_tokens=1, accepts_keys=False, metavar="WxH"),
 ]
-MaybePositive = Annotated[float | None, Parameter(group=CAMERAS, converter=each(_positive), n_tokens=1, metavar="HZ")]
+MaybePositive = Annotated[float | None, Parameter(group=CAMERAS, converter=_positive, n_tokens=1, metavar="HZ")]
 MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, validator=_at_least(0), metavar="N")]
 Workers = Annotated[MaybeCount, Parameter(group=PARALLEL, help="number of processes; by default one per CPU core")]
-Folder = Annotated[str, Parameter(group=RESULTS, converter=_PLACE, metavar="DIR")]
-MaybeFolder = Annotated[str | None, Parameter(group=RESULTS, converter=_PLACE, metavar="DIR")]
-OutFile = Annotated[str, Parameter(group=RESULTS, converter=_PLACE, metavar="FILE")]
+Folder = Annotated[str, Parameter(group=RESULTS, converter=_place, metavar="DIR")]
+MaybeFolder = Annotated[str | None, Parameter(group=RESULTS, converter=_place, metavar="DIR")]
+OutFile = Annotated[str, Parameter(group=RESULTS, converter=_place, metavar="FILE")]
 MaybeFile = Annotated[str | None, Parameter(metavar="FILE")]
 MaybeTopic = Annotated[str | None, Parameter(metavar="TOPIC")]
 ResultFile = Annotated[MaybeFile, Parameter(group=RESULTS)]
@@ -257,7 +248,7 @@ class TruthFile:
 
     ground_truth: MaybeFile = None
     ground_truth_frame: Annotated[str | None, Parameter(metavar="FRAME")] = None
-    ground_truth_offset: Annotated[float, Parameter(converter=each(_finite), metavar="S")] = 0.0
+    ground_truth_offset: Annotated[float, Parameter(converter=_finite, metavar="S")] = 0.0
 
     def read(self) -> "GroundTruthFile | None":
         if self.ground_truth is None:
@@ -267,10 +258,10 @@ class TruthFile:
         return GroundTruthFile(self.ground_truth, self.ground_truth_frame, self.ground_truth_offset)
 
 
-_Ranges = Parameter(converter=each(_frame_ranges), n_tokens=1, accepts_keys=False, metavar="A:B,…")
+_Ranges = Parameter(converter=_frame_ranges, n_tokens=1, accepts_keys=False, metavar="A:B,…")
 StdTruth = Annotated[
     tuple[float, float] | None,
-    Parameter(group=TRUTH, converter=each(_std_truth), n_tokens=1, accepts_keys=False, metavar="M,RAD"),
+    Parameter(group=TRUTH, converter=_std_truth, n_tokens=1, accepts_keys=False, metavar="M,RAD"),
 ]
 
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Parameter
-
 from ..errors import ExitCode
 from ..system.wording import printable
 from . import options
 from .printing import print_error, print_json, print_notes
+from .tables import Parameter
 
 if TYPE_CHECKING:
     from ..config import Config

@@ -4,12 +4,11 @@ import os
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import Parameter
-
 from ..errors import ExitCode
 from ..system.wording import printable
 from . import options
 from .printing import print_json, print_notes, print_table
+from .tables import Parameter
 
 Experiment = Literal["efficiency", "consistency", "calibration", "rates", "figure6"]
 

@@ -5,12 +5,11 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
 from ..errors import ConfigError, ExitCode, OutputError
 from ..system.wording import printable
 from . import options
 from .printing import print_json, print_notes
+from .tables import Parameter
 
 
 def surface(

@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-from cyclopts import App, Argument, CycloptsError, MissingArgumentError, UnusedCliTokensError
-
 from ..errors import StreamSfmError
 
 _PAIR = "--calibration"  # takes the files of left and right one after the other, too
@@ -36,9 +34,15 @@ def rewritten(words: Sequence[str]) -> list[str]:
     return found
 
 
-def usage_error(app: App, words: Sequence[str], error: CycloptsError) -> tuple[str, str]:
-    """What is wrong with a command line, and where to read on."""
-    chain, _, _ = app.parse_commands(list(words))
+def usage_error(words: Sequence[str], error: BaseException) -> tuple[str, str] | None:
+    """What is wrong with a command line, and where to read on; None for another error."""
+    from cyclopts import Argument, CycloptsError, MissingArgumentError, UnusedCliTokensError
+
+    from .app import build_app
+
+    if not isinstance(error, CycloptsError):
+        return None
+    chain, _, _ = build_app(words).parse_commands(list(words))
     problem, command = str(error), " ".join(["stream-sfm", *chain])
     problem = problem[:1].lower() + problem[1:]
     match error:
@@ -53,9 +57,11 @@ def usage_error(app: App, words: Sequence[str], error: CycloptsError) -> tuple[s
     return problem, f"hint: `{command} --help` lists all arguments"
 
 
-def hint(app: App, words: Sequence[str], error: StreamSfmError) -> str:
+def hint(words: Sequence[str], error: StreamSfmError) -> str:
     """One line that says which options of the command, or which other commands, help; empty where none does."""
-    _, apps, _ = app.parse_commands(list(words))
+    from .app import build_app
+
+    _, apps, _ = build_app(words).parse_commands(list(words))
     arguments = apps[-1].assemble_argument_collection()
     known = {name: argument.parameter.metavar for argument in arguments for name in argument.names}
     options = [f"--{_OPTIONS.get(name, name).replace('_', '-')}" for name in error.hint]

@@ -5,7 +5,7 @@ Unknown keys and values out of range are ConfigErrors that name the setting.
 
 import json
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, get_origin, get_type_hints
 
@@ -95,6 +95,7 @@ def setting_names() -> list[str]:
     return [".".join(filter(None, (name, key))) for name, part in _sections(Config()) for key in _keys(type(part))]
 
 
+@lru_cache(maxsize=8)  # a run writes it twice, into two files
 def config_to_toml(config: Config, expert: bool = True) -> str:
     """Return the configuration as commented TOML, which `read_config` reads back unchanged.
 

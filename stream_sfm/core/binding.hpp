@@ -352,6 +352,7 @@ void bind_views(nb::module_& m);
 void bind_resection(nb::module_& m);
 void bind_window(nb::module_& m);
 void bind_inertial(nb::module_& m);
+void bind_messages(nb::module_& m);
 
 }  // namespace binding
 

@@ -18,6 +18,6 @@ NB_MODULE(_core, m) {
     });
     using namespace binding;
     for (auto bind : {bind_images, bind_poses, bind_rig, bind_tracks, bind_views, bind_resection, bind_window,
-                      bind_inertial})
+                      bind_inertial, bind_messages})
         bind(m);
 }

@@ -23,6 +23,15 @@ float cut(const ImageOf<T>& image, int u, int v, int half, int spacing, float* p
     return std::sqrt(squares);
 }
 
+// The correlation at d, or where it is a peak, that at the top of the parabola through it and its neighbours. A match between two
+// pixels correlates less at both, and its repetition at a whole pixel would seem to lead.
+float height_at(const std::vector<float>& y, int d) {
+    if (d < 1 || d + 1 >= static_cast<int>(y.size())) return y[d];
+    float before = y[d] - y[d - 1], after = y[d] - y[d + 1];
+    if (before < 0 || after < 0 || before + after <= 0 || y[d - 1] <= -1 || y[d + 1] <= -1) return y[d];
+    return y[d] + (before - after) * (before - after) / (8 * (before + after));
+}
+
 }  // namespace
 
 template <class T>
@@ -83,9 +92,9 @@ WIDER RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& righ
             }
         }
         for (int d = 0; d < candidates; d++)
-            if (std::abs(d - best) > rules.match_neighbours_px) elsewhere = std::max(elsewhere, dot[d]);
+            if (std::abs(d - best) > rules.match_neighbours_px) elsewhere = std::max(elsewhere, height_at(dot, d));
         result.disparity.data[n_th] = static_cast<double>(last - best);
-        result.unique.data[n_th] = top > least && top - elsewhere > lead;
+        result.unique.data[n_th] = top > least && height_at(dot, best) - elsewhere > lead;
     }
     return result;
 }

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..geometry import Array
-from ..geometry.resection import Resection
+from ..geometry.resection import MANY_VIEWS, Resection
 from ..geometry.robust_rules import RobustRules
 from ..geometry.stereo import StereoProjection
 from ..record import columns_at
@@ -41,15 +41,20 @@ class LostError(Exception):
     """No motion was found for the frame; the message becomes the reason in the Solution."""
 
 
-def frame_status(inliers: int, note: str, config: RobustRules, motion: Resection | None = None) -> tuple[Status, str]:
-    """Return status and reason of an estimated frame; `note` as in Observations, `motion`: its robust first motion."""
+def frame_status(
+    inliers: int, sought: int, note: str, config: RobustRules, motion: Resection | None = None
+) -> tuple[Status, str]:
+    """Return status and reason of an estimated frame, of whose views of `sought` points `inliers` are accepted.
+
+    `note`: as in Observations; `motion`: its robust first motion.
+    """
     reasons = []
     if motion is not None and motion.ambiguous is not None:
         reasons.append("two rigid motions agree with the views")
     elif motion is not None and motion.share < config.degraded_share:
         reasons.append(f"only {motion.share:.0%} of the views, by their history, agree with one motion")
-    if inliers < config.degraded_inliers:
-        reasons.append(f"only {inliers} accepted views (fewer than {config.degraded_inliers})")
+    if inliers < min(config.degraded_inliers, max(MANY_VIEWS, config.degraded_share * sought)):
+        reasons.append(f"only {inliers} accepted views of {sought} points sought")
     if note:
         reasons.append(note)
     return (Status.DEGRADED if reasons else Status.OK), "; ".join(reasons)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..geometry import Array, se3
 from ..geometry.linear import mahalanobis2
+from ..geometry.medians import median
 from ..types import FrameEstimate, Trajectory
 from .association import truth_of_frames
 from .relative import known_frames
@@ -73,5 +74,5 @@ class TestPoints:
         if not len(error):
             return dict.fromkeys(GLOBAL_FIGURES, np.nan)
         length = np.linalg.norm(error, axis=1)
-        values = np.sqrt((length**2).mean()), np.median(length), np.sqrt(nees.mean() / 3)
+        values = np.sqrt((length**2).mean()), median(length), np.sqrt(nees.mean() / 3)
         return dict(zip(GLOBAL_FIGURES, map(float, values), strict=True))

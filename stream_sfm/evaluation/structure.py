@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..camera.lens import project_into_image
 from ..camera.models import Camera
 from ..geometry import Array
+from ..geometry.medians import median
 from ..geometry.stereo import MIN_DEPTH
 from ..record import record
 from ..types import FrameEstimate
@@ -120,6 +121,6 @@ class StructureComparison:
         ratios = errors_m[sigmas_m > 0] / sigmas_m[sigmas_m > 0]
         if not len(ratios):
             return dict.fromkeys(STRUCTURE_FIGURES, np.nan)
-        of_both = [f(x) for x in (errors_m, ratios) for f in (lambda x: np.sqrt(np.mean(x**2)), np.median)]
+        of_both = [f(x) for x in (errors_m, ratios) for f in (lambda x: np.sqrt(np.mean(x**2)), median)]
         beyond = 100 * np.mean(ratios > 3)
         return dict(zip(STRUCTURE_FIGURES, map(float, (*of_both, beyond)), strict=True))

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Array, se3
+from ..geometry.medians import median
 from ..geometry.resection import Resection, SecondMotion
 from ..geometry.view_stages import RawViews
 from ..record import changed, record, rows_of
@@ -101,7 +102,7 @@ def _placed(
 
 def _blurred_px(step: Step, seen: Seen, motion: Resection) -> Array:
     """Return σ (n,) px of the slides of the tracks because all patches have become sharper or more blurred."""
-    by_motion = float(np.linalg.norm(motion.cam_from_ref[:3, 3]) * np.median(seen.views.points[:, 3]))
+    by_motion = float(np.linalg.norm(motion.cam_from_ref[:3, 3]) * median(seen.views.points[:, 3]))
     changes = lost_or_gained(seen.before.contrast, seen.views.contrast, by_motion)
     share, config = step.setup.rules.of(ErrorRules).slide_blurred, step.setup.config
     return share * config.frontend.window_radius_px * seen.before.scale * changes

@@ -21,7 +21,7 @@ from ..pictures.checks import Suspicions
 from ..pictures.content import are_alike, image_note
 from ..pictures.prepared import PreparedImages
 from ..pictures.rules import ImageRules
-from ..pictures.torn import Copied, copied, torn
+from ..pictures.torn import copied, torn
 from ..record import changed
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
@@ -99,6 +99,10 @@ class StereoFrontEnd:
 
         `expected`: the motion up to this frame from inertial samples, if there are any.
         """
+        rows = copied(images, state.previous, self.setup.rules.of(ImageRules).slope_grey)
+        tear, state = torn(rows, state.copied), changed(state, copied=rows)
+        if tear:
+            return self._skipped(changed(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns), stamp_ns, tear)
         if expected is not None and expected.since_ns != state.previous_ns:
             expected = None  # it starts at a frame other than the one that is followed from
         state, change = self._take_out_turn(state)
@@ -158,9 +162,7 @@ class StereoFrontEnd:
             state, z_new, cov_new = begin_points(self.setup, state, images)
         z_px = RawViews(np.concatenate([followed.z_px, z_new]))
         cov_px = np.concatenate([followed.cov_px, cov_new])
-        rows = self._copied(state, images)
-        tear = torn(rows, state.copied)
-        note, state = tear or self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px, rows)
+        note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
         f_px, drifts_px = self.setup.projection.f_px, np.concatenate([drift_px, np.zeros(len(z_new))])
         return self._observed(
             state,
@@ -171,7 +173,7 @@ class StereoFrontEnd:
             std_slides=(drifts_px, turn_of_slides(drift_px, f_px, self.setup.rules.of(ErrorRules).alike)),
             cam_from_previous=followed.cam_from_previous,
             n_new=len(z_new),
-            ambiguity=_ambiguity(followed.second, state, bool(tear)),
+            ambiguity=_ambiguity(followed.second, state),
             settled=followed.settled,
         )
 
@@ -182,19 +184,23 @@ class StereoFrontEnd:
 
         Without `wait`, the tracks are dropped at once.
         """
-        rules, nothing = self.setup.rules, (RawViews(np.empty((0, 4))), np.empty((0, 4, 4)))
+        rules = self.setup.rules
         waits = wait and state.may_wait(stamp_ns, rules.of(MotionRules).max_gap_s)
         if waits and state.background_hidden:
-            return self._observed(state, stamp_ns, *nothing, _HIDDEN)
+            return self._skipped(state, stamp_ns, _HIDDEN)
         fresh, z_px, cov_px = begin_points(self.setup, state.lost(), images)
         note = self._note(fresh, images, z_px)
         if waits and len(z_px) < self.setup.rules.of(RobustRules).min_inliers:
-            return self._observed(state, stamp_ns, *nothing, note)
+            return self._skipped(state, stamp_ns, note)
         jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.of(ImageRules))
         if jumped:
             note = note or _JUMPED
-        seen = _seen(fresh, images, stamp_ns, z_px, self._copied(state, images))
+        seen = _seen(fresh, images, stamp_ns, z_px)
         return self._observed(seen, stamp_ns, z_px, cov_px, note, n_new=len(z_px), jumped=jumped)
+
+    def _skipped(self, state: FrontEndState, stamp_ns: int, note: str) -> tuple[FrontEndState, Observations]:
+        """Return the observations of a frame without views: the next one is followed from the last good one."""
+        return self._observed(state, stamp_ns, RawViews(np.empty((0, 4))), np.empty((0, 4, 4)), note)
 
     def _observed(
         self,
@@ -231,10 +237,6 @@ class StereoFrontEnd:
         )
         return changed(state, errors=errors), observed
 
-    def _copied(self, state: FrontEndState, images: PreparedImages) -> Copied:
-        """Return which rows of the images are those of the frame before."""
-        return copied(images, state.previous, self.setup.rules.of(ImageRules).slope_grey)
-
     def _note(self, state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
         """Return what is wrong with the images, given the views (n, 4) of all tracks; or an empty string."""
         rules = self.setup.rules.of(ImageRules)
@@ -269,20 +271,17 @@ class StereoFrontEnd:
         return found if not turn_rad.any() else with_turn(self.rig, found, turn_rad)
 
 
-def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array, rows: Copied) -> FrontEndState:
-    """Return the state from which the next frame is followed, its image checks updated by all views (n, 4).
-
-    `rows`: of the images, which are those of the frame before.
-    """
+def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array) -> FrontEndState:
+    """Return the state from which the next frame is followed, its image checks updated by all views (n, 4)."""
     pictures = state.pictures.after(images, state.tracks.ids[: len(z_px)], z_px[:, :2])
-    return changed(state.followed_from(images, stamp_ns, rows), pictures=pictures)
+    return changed(state.followed_from(images, stamp_ns), pictures=pictures)
 
 
-def _ambiguity(second: SecondMotion | None, state: FrontEndState, is_torn: bool = False) -> Ambiguity | None:
+def _ambiguity(second: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
     """Return why a frame's motion may not be the camera's: another one may be, or its images are inconsistent."""
-    misfit, of_start = is_torn or bool(_misfit(state)), bool(state.start.problem)
+    misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
     if second is not None:
-        return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, second.lasted, of_start)
+        return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, of_start)
     return Ambiguity(misfit=True, of_start=of_start) if misfit else None
 
 

@@ -98,9 +98,9 @@ class FrontEndState:
 
     - `frame_index`: of the next frame; `stamp_ns`: of the latest one, None before the first; `grey_bits`: the bits of
       16-bit images in use, according to the brightest so far.
-    - `previous`: the images, at `previous_ns`, from which the next frame is followed, and
-      `copied`: which of their rows were those of the frame before. `tracks`: the points that are
-      followed; `next_id`: the id of the next new one. `cam_from_start` (4, 4): the front-end's own chain of motions,
+    - `previous`: the images, at `previous_ns`, from which the next frame is followed; `copied`: which rows of the
+      latest ones were those of `previous`. `tracks`: the points that are followed; `next_id`: the id of the next new
+      one. `cam_from_start` (4, 4): the front-end's own chain of motions,
       which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second;
       `unsteadiness`: how much motions change, None before there are two.
     - `aligners`: templates and noise of views; `rows`, `timing`: the estimated errors of the cameras; `turn_rad` (3,):
@@ -160,9 +160,9 @@ class FrontEndState:
         """Return where right sides of points with a twist (6,) are sought."""
         return RightSides(self.rows_with_delay, self.turn_rad, twist)
 
-    def followed_from(self, images: PreparedImages, stamp_ns: int, rows: Copied) -> "FrontEndState":
-        """Return the state after a frame from whose images, with these copied `rows`, the next one is followed."""
-        return changed(self, previous=images.shrunk(), previous_ns=stamp_ns, copied=rows)
+    def followed_from(self, images: PreparedImages, stamp_ns: int) -> "FrontEndState":
+        """Return the state after a frame from whose images the next one is followed."""
+        return changed(self, previous=images.shrunk(), previous_ns=stamp_ns)
 
     def lost(self) -> "FrontEndState":
         """Return the state without tracks, velocity, and what depends on these."""

@@ -42,16 +42,16 @@ def follow(
         rough = find_rough_motion(step, state.aligners, state.tracks)
         if rough is None:
             return state, None
-    rough = smaller_of_alike(step, state, rough)
+    state, rough = smaller_of_alike(step, state, rough)
     twist = step.twist(state.velocity, rough.cam_from_previous)
     state = first_timed(setup.projection, state, step.first_twist(twist, rough.cam_from_previous))
     views = align(setup, state, images, rough, twist)
-    seen = Seen.of(step, state, rough, twist, views)
+    seen, since_start = Seen.of(step, state, rough, twist, views), state.start
     state, motion = _agreed_motion(step, state, seen, rough.cam_from_previous)
     start = rough.cam_from_previous if motion is None else motion.cam_from_ref
     state, by_left = _without_turned(state, seen, start)
     if by_left is not None:
-        seen = by_left
+        seen, state = by_left, changed(state, start=since_start)  # a frame is one event
         state, motion = _agreed_motion(step, state, seen, rough.cam_from_previous)
     if motion is None:
         return state, None
@@ -83,9 +83,9 @@ def _agreed_motion(
     motion = resect(seen.point_views, start, seen.weights, step.predicted if rules.one_body else None)
     if not rules.poor_frames:
         motion = changed(motion, spread=1.0)
-    motion = choose(step, state, seen, motion)
+    motion, checked = choose(step, state, seen, motion)
     many = seen.weights[motion.accepted].sum() >= rules.min_agreement * seen.weight
     agree = motion.ok and (many or step.is_sampled(motion))
     hidden = is_scene_hidden(step, state, seen, motion)
-    state = changed(state, background_hidden=hidden or (state.background_hidden and not agree))
+    state = changed(state, start=checked, background_hidden=hidden or (state.background_hidden and not agree))
     return state, motion if agree and not hidden else None

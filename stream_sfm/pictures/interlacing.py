@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..geometry.medians import median
 from ..record import record
 from .prepared import Image, PreparedImages, outer_columns
 from .view import View
@@ -43,7 +44,7 @@ class Interlaced:
             return None
         moved_px = np.linalg.norm(views[-1].left_px - views[-2].of(views[-1].ids), axis=1)
         moved_px = moved_px[np.isfinite(moved_px)]
-        moved = float(np.median(moved_px)) if len(moved_px) else 0.0
+        moved = median(moved_px) if len(moved_px) else 0.0
         if moved < _STILL_PX:
             return None
         nats = float(np.clip(_NATS * (combed(images.delivered.left_columns) / _COMBED - 1), -_NATS, _NATS))

@@ -4,7 +4,7 @@ from array import array
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,9 @@ from ..rig_model.estimate import RigEstimate
 from ..system.wording import counted
 from ..types import FrameEstimate, InertialEstimate, RigChange, Status, Trajectory
 from .inertia import describe_inertia
-from .matches import Needles
+
+if TYPE_CHECKING:
+    from .matches import Needles
 
 STAGES = ("decode", "frontend", "estimator", "total")
 _OF_ESTIMATE = ("nis", "nis_dof")  # numbers of each frame that are in its estimate
@@ -388,6 +390,6 @@ class Comparison:
     self_test: dict[str, list[dict[str, Any]]] | None = None
     calibration: dict[str, Any] | None = None
     loops: Array = field(default_factory=lambda: NO_LOOPS)
-    needles: Needles | None = None
+    needles: "Needles | None" = None
     halves: dict[str, HalvesRecord] = field(default_factory=dict)
     as_is: bool = False

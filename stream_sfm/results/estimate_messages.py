@@ -13,7 +13,6 @@ from ..types import FrameEstimate, Status
 from . import ros_messages as ros
 from .frames import RosFrames, fixed_axis_covariance
 from .own_messages import ESTIMATE, SCALARS, TIMING, estimate_fields, named
-from .ros_messages import type_store
 
 TOPICS = {
     "/stream_sfm/odometry": ros.ODOMETRY,
@@ -41,7 +40,6 @@ class RosMessages:
     """
 
     def __init__(self, ros: RosConfig, map_from_world: Callable[[], Array] | None = None) -> None:
-        type_store()
         self._frames = RosFrames(ros)
         self._gravity = ros.gravity and map_from_world is None
         self._level, self._cov_level = np.eye(4), np.zeros((6, 6))  # rotation of the world by the current gravity
@@ -69,7 +67,7 @@ class RosMessages:
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of a message in CDR, as ROS 2 sends them."""
-        return ros.encode(message)
+        return ros.encode([message])[0]
 
     def world_from_cam(self, pose: Array) -> Array:
         """Return the pose of the camera (4, 4), as `Engine.reset` takes it, from a ROS pose of robot or camera."""

@@ -16,13 +16,13 @@ from typing import IO, Any, cast
 
 import mcap
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import Writer
 
 from .. import __version__
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..geometry import Array
+from ..logs.mcap_file.library import Writer
 from ..system.files import PartFile, json_bytes
 from ..types import Frame, FrameEstimate
 from .estimate_messages import TOPICS, RosMessages, Stamped
@@ -142,8 +142,9 @@ class EstimatesWriter:
 
     def _add(self, estimate: FrameEstimate, messages: Stamped) -> None:
         stamp_ns = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned
-        for topic, message in messages:
-            self._writer.add_message(self._channels[topic], stamp_ns, encode(message), stamp_ns, estimate.frame_index)
+        topics, made = zip(*messages, strict=True)
+        for topic, content in zip(topics, encode(made), strict=True):
+            self._writer.add_message(self._channels[topic], stamp_ns, content, stamp_ns, estimate.frame_index)
             self._counts[topic] += 1
         first_ns, last_ns = self._times_ns
         self._times_ns = min(first_ns, stamp_ns), max(last_ns, stamp_ns)

@@ -16,7 +16,6 @@ from ..system.files import PartFile, json_bytes, make_folder, write_whole
 from ..system.outputs import RESULTS, TRAJECTORIES, only_writer
 from ..types import Frame, FrameEstimate, Sink, Trajectory
 from .estimates_writer import EstimatesWriter
-from .ros_messages import type_store
 from .trajectory_files import NAMES, first_lines, lines_of, tum_line
 
 UNIT_WITHOUT_SCALE = "unscaled: the distance between the first two views that show depths (one camera)"
@@ -31,7 +30,6 @@ class ResultFolder:
     """
 
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
-        type_store()  # before the first frame, which would otherwise wait
         self.path = Path(path)
         self._rig, self._config = rig, config
         # Pose of the world of the estimates in a map of places.

@@ -3,17 +3,16 @@
 The standard messages used here are the same in every ROS 2.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.interfaces import Nodetype
 
+from .. import core
 from ..geometry import Array, se3
-from ..logs.recording.ros import Types
 from .own_messages import DEFINITIONS
 
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -60,41 +59,51 @@ diagnostic_msgs/DiagnosticArray: std_msgs/Header header, diagnostic_msgs/Diagnos
 _PART = "=" * 80  # between a definition and those of its parts
 
 
+# A letter of the module `struct`, and NumPy's type; strings and parts are not here.
+_NUMBERS = {
+    "bool": "?",
+    "byte": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "float64": "d",
+}
+Field = tuple[str, Any, int | None, int]  # name, kind, count and size, as `core.encoded` takes them
+
+
 @cache
-def type_store() -> Any:
-    """Return the types of ROS 2 and our own. The first call takes milliseconds, so it should not be within a frame."""
-    store, standard = Types("serialize_cdr_le"), (line.split(": ", 1) for line in _STANDARD.splitlines())
-    of_standard = {name.replace("/", "/msg/"): fields.split(", ") for name, fields in standard}
-    lines = of_standard | {name: text.splitlines() for name, text in DEFINITIONS.items()}
-    store.fielddefs |= {name: _parsed(of_type) for name, of_type in lines.items()}
-    for name in (*DEFINITIONS, ODOMETRY, POSE, TRANSFORMS, CLOUD, PATH):
-        store.get_msgdef(name)  # makes what encodes it
-    return store
+def _definitions() -> dict[str, str]:
+    """Return the fields of the standard messages and of our own, one per line."""
+    standard = (line.split(": ", 1) for line in _STANDARD.splitlines())
+    return {name.replace("/", "/msg/"): fields.replace(", ", "\n") for name, fields in standard} | DEFINITIONS
 
 
-def _parsed(lines: Iterable[str]) -> Any:
-    """Return constants and fields of a definition as rosbags does, whose parser of all there may be takes 20 ms."""
-    constants, fields = [], []
-    for kind, name in (line.partition("#")[0].split() for line in lines if line.partition("#")[0].strip()):
-        name, is_constant, value = name.partition("=")
-        kind, is_array, size = kind.rstrip("]").partition("[")
-        if is_constant:
-            constants.append((name, kind, int(value)))
-            continue
-        of: Any = (Nodetype.NAME, kind.replace("/", "/msg/")) if "/" in kind else (Nodetype.BASE, (kind, 0))
-        if is_array:
-            of = (Nodetype.ARRAY, (of, int(size))) if size else (Nodetype.SEQUENCE, (of, 0))
-        fields.append((name, of))
-    return constants, fields
+def _lines(name: str) -> Iterator[tuple[str, str, str]]:
+    """Yield type, name and array (as `36]`, `]`, or empty) of each field of a message."""
+    for line in _definitions()[name].splitlines():
+        if (plain := line.partition("#")[0]).strip() and "=" not in plain:
+            kind, field = plain.split()
+            kind, _, array = kind.partition("[")
+            yield kind.replace("/", "/msg/"), field, array
+
+
+@cache
+def fields_of(name: str) -> tuple[Field, ...]:
+    """Return the fields of a message."""
+    found: list[Field] = []
+    for kind, field, array in _lines(name):
+        code: Any = "s" if kind == "string" else _NUMBERS.get(kind) or fields_of(kind)
+        count = None if not array else int(array.rstrip("]") or -1)
+        found.append((field, code, count, np.dtype(code).itemsize if kind in _NUMBERS else 0))
+    return tuple(found)
 
 
 @cache
 def _arrays(name: str) -> Mapping[str, str]:
     """Return the fields of a type that are arrays of numbers, with their types."""
-    lists = (Nodetype.ARRAY, Nodetype.SEQUENCE)
-    elements = {field: of[0] for field, (kind, of) in type_store().fielddefs[name][1] if kind in lists}
-    numbers = {field: base[0] for field, (kind, base) in elements.items() if kind == Nodetype.BASE}
-    return {field: number for field, number in numbers.items() if number != "string"}
+    return {field: kind for field, kind, count, size in fields_of(name) if count is not None and size}
 
 
 def make(name: str, /, **fields: Any) -> Any:
@@ -104,15 +113,26 @@ def make(name: str, /, **fields: Any) -> Any:
     return SimpleNamespace(__msgtype__=name, **fields)
 
 
-def encode(message: Any) -> bytes:
-    """Return the bytes of a message: little-endian CDR."""
-    return bytes(type_store().serialize_cdr(message, message.__msgtype__, little_endian=True))
+def encode(messages: Iterable[Any]) -> list[bytes]:
+    """Return the bytes of messages: little-endian CDR."""
+    given = list(messages)
+    return core.encoded([fields_of(message.__msgtype__) for message in given], given)
 
 
 def schema_text(name: str) -> str:
     """Return the definition of a message and of all its parts; our own explain each field."""
-    own, *parts = type_store().generate_msgdef(name, ros_version=2)[0].split(_PART)
-    return _PART.join([DEFINITIONS.get(name, own), *parts])
+    parts: dict[str, str] = {}
+
+    def add(kind: str) -> None:
+        for part, *_ in _lines(kind):
+            if part in _definitions() and part not in parts:
+                parts[part] = _definitions()[part]
+                add(part)
+
+    add(name)
+    texts = (f"{_PART}\nMSG: {part.replace('/msg/', '/')}\n{text}\n" for part, text in parts.items())
+    own = _definitions()[name]
+    return "".join([own if name in DEFINITIONS else f"{own}\n", *texts])
 
 
 def header(stamp_ns: int, frame_id: str) -> Any:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import StereoRig, open_log
-from stream_sfm.cli.main import build_app
+from stream_sfm.cli.app import build_app
 from stream_sfm.cli.usage import rewritten
 from tests.helpers.data_sets import RIGHT_FROM_LEFT, write_euroc, write_kitti
 

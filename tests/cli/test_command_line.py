@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 
 from stream_sfm import estimators
-from stream_sfm.cli.main import COMMANDS, build_app, main
+from stream_sfm.cli.app import build_app
+from stream_sfm.cli.main import main
 from stream_sfm.cli.options import Method
+from stream_sfm.cli.tables import COMMANDS
 from stream_sfm.cli.usage import COMMANDS as HINTED_COMMANDS
 from stream_sfm.config import Config, FrontendConfig, WindowConfig, read_config
 from stream_sfm.geometry.robust_rules import RobustRules

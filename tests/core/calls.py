@@ -38,6 +38,10 @@ ROWS = Record(
     projection=PINHOLES, field=GRID, mean=np.ones(13), cov=np.eye(13), scatter_px=0.2, max_px=2.0, rules=RowRules()
 )
 EXPOSED = Record(size_px=(80.0, 60.0), coefficients=RNG.normal(size=(2, 3, 3)))
+TURN_RULES = Record(std_rad=0.1, limit=27.0, steps=12, guess_frames=5)
+USUAL = Record(rules=TURN_RULES, measured=np.eye(3), real=np.eye(3), frames=3, late=np.ones(2))
+APPARENT = Record(cov_others=np.eye(3), per_s=np.ones(3), var_delay_s2=1.0)
+TURN = Record(rad=np.ones(3), cov=np.eye(3), chi2=1.0, apparent=APPARENT)
 RIGHT_SIDES = Record(rows=ROWS, turn_rad=np.ones(3), twist=np.ones(6))
 TIMING = Record(row_of=EXPOSED, mean=np.ones(2), cov=np.eye(2), twist=np.ones(6))
 TEMPLATES = Record(
@@ -102,6 +106,12 @@ CALLS = {
         *(np.ones(17), np.eye(4)),
     ),
     "inertial_motion": (ONE_INTERVAL, np.ones(17), np.eye(4), np.ones(6)),
+    "encoded": (
+        [(("text", "s", None, 0), ("numbers", "d", -1, 8), ("parts", (("is", "?", None, 0),), -1, 0))],
+        [Record(text="σ", numbers=np.arange(3.0), parts=[Record(**{"is": True})])],
+    ),
+    "innovation": (np.eye(4), np.eye(6), np.eye(4), np.eye(6), 0.1),
+    "weigh_innovation": (np.ones(6), np.eye(6), np.ones(6)),
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40, POINT_RULES),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
@@ -133,7 +143,7 @@ CALLS = {
     "seen_points": (PINHOLES, VIEWS),
     "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, Wanted(True, False, False, False), np.eye(4)),
     "motion_of_flow": (PINHOLES, TRACKS, np.ones(N), STARTS, np.ones(N, bool), np.eye(4), 0.5, 9.0, RULES),
-    "fit_turn": (but(OF_VIEWS, shared=SHARED[..., :0]), np.eye(4), np.eye(3), Record(std_rad=0.1, steps=12)),
+    "fit_turn": (but(OF_VIEWS, shared=SHARED[..., :0]), np.eye(4), np.eye(3), TURN_RULES),
     "rig_effects": (PINHOLES, np.eye(len(TERMS)), GRID, VIEWS, np.ones(N)),
     "expected_views": (PINHOLES, STATE, SEEN, SLOTS > 2, VIEWS),
     "timing_of_views": (PINHOLES, EXPOSED, STATE, SEEN, VIEWS, np.ones((2, 2, 6)), np.ones(2)),
@@ -153,6 +163,8 @@ CALLS = {
         Record(left=IMAGE, right=None, stored=STORED, area=IMAGE > 0, kind=but(TEMPLATES, scale=4)),
     ),
     "place_new_points": (RIGHT_SIDES, TIMING, VIEWS, COV, 1.0, -2.0, 9.0),
+    "weigh_turn": (USUAL, TURN, np.ones(4)),
+    "learn_turn": (USUAL, TURN, 3),
     "effects_of_turn": (PINHOLES, STARTS),
     "fit_rows": (ROWS, STARTS, np.ones(N), np.ones(N), 1e-3, 2.4, 2),
     "views_by_turn": (PINHOLES, VIEWS, np.eye(3)),
@@ -196,7 +208,7 @@ CALLS = {
     ),
     "followed_pose": (*3 * (np.eye(4),), np.eye(6), POINTS[:, :3], COV[:, :3, :3], 0.8, 0.5),
     "squares_of_tracks": (PINHOLES, STATE, SEEN),
-    "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
+    "points_seen_again": (SLOTS, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
     "_drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "determined_points": (SLOTS, SLOTS[3:], SLOTS, SLOTS > 0, SLOTS > 2, 4),
     "widened_points": (POINTS[:, :3], COV[:, :3, :3], np.eye(4), np.eye(6)),

@@ -58,15 +58,19 @@ def test_an_ambiguity_that_new_points_contradict_lasts() -> None:
     assert all(other is not None for other in others([motion(FIRST, 0.5), *[clear] * 60], 20))
 
 
-def test_after_a_repetitive_view_new_points_settle_the_path() -> None:
-    """As long as it repeats, none counts; then a frame is ambiguous until points that begin since have confirmed it."""
+def test_what_shows_that_a_view_does_not_repeat_settles_the_path_at_once() -> None:
+    """All points agree with either motion as long as it repeats. There is one set of them: none has to be confirmed."""
     memory, tracks, told = AmbiguityMemory(), TRACKS, []
     alike = SecondMotion(OTHER_FROM_FIRST @ FIRST, np.eye(6), ~LATER & LATER, 1.0)
-    for k in range(20):
+    for k in range(8):
         memory, other, settled = memory.after(motion(FIRST, None), tracks, alike if k < 4 else None)
         told.append((other is not None, memory.repeats, settled))
         tracks = changed(tracks, ids=tracks.ids + 20)
-    end = [settled for _, _, settled in told].index(True)
-    assert told[:4] == [(True, True, False)] * 4 and 4 < end < 12
-    assert told[4:end] == [(True, False, False)] * (end - 4)
-    assert told[end:] == [(False, False, True), *[(False, False, False)] * (19 - end)]
+    assert told == [*[(True, True, False)] * 4, (False, False, True), *[(False, False, False)] * 3]
+
+
+def test_two_sets_in_the_frame_in_which_a_view_ceases_to_repeat_stay_ambiguous() -> None:
+    alike = SecondMotion(OTHER_FROM_FIRST @ FIRST, np.eye(6), ~LATER & LATER, 1.0)
+    memory, _, _ = AmbiguityMemory().after(motion(FIRST, None), TRACKS, alike)
+    memory, other, settled = memory.after(motion(FIRST, 0.5), TRACKS)
+    assert memory.lasts and not memory.repeats and other is not None and not settled

@@ -48,6 +48,21 @@ def test_row_search_finds_shifts_and_refuses_repetition() -> None:
     assert not match_along_rows(stripes, stripes, points, -5, 60, PointRules())[1].any()
 
 
+def test_a_repetition_at_whole_pixels_does_not_lead_over_a_match_between_pixels() -> None:
+    """Tiles of 20.5 px, 10.5 px apart in left and right: the repetition at 31 px correlates more than the match."""
+    u, v = np.meshgrid(np.arange(200.0), np.arange(120.0))
+
+    def tiles(shift_px: float) -> np.ndarray:
+        waves = [np.cos(2 * np.pi * k * (u + shift_px) / 20.5 + 1.7 * k * k + 0.31 * k * v) for k in range(1, 5)]
+        return np.rint(128 + 15 * np.sum(waves, axis=0)).astype(np.uint8)
+
+    points = np.array([[100, 60], [111, 60], [120, 71]])
+    found, unique = match_along_rows(tiles(0.0), tiles(10.5), points, 0, 45, PointRules())
+    assert (found == 31).all() and not unique.any()
+    found, unique = match_along_rows(tiles(0.0), tiles(10.5), points, 0, 25, PointRules())
+    assert np.isin(found, (10, 11)).all() and unique.all()  # nothing repeats as near as that
+
+
 def waves(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """An analytic texture: grey values of waves of 7 px and longer in all directions."""
     rng = np.random.default_rng(5)

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from stream_sfm.config.rules import Rules
+from stream_sfm.frontend.rules import MotionRules
+from stream_sfm.frontend.second_motions.confirmation import Confirmation
 from stream_sfm.frontend.second_motions.motion_choice import may_be_scene
 from stream_sfm.frontend.second_motions.start_check import StartCheck
+from stream_sfm.geometry.evidence import Evidence
+from stream_sfm.record import changed
 from tests.helpers.tracks import tracks_at
 
 N_FOLLOWED, N_OTHERS = 40, 8
@@ -39,3 +43,26 @@ def test_only_the_first_frame_decides_whether_one_motion_filled_the_view() -> No
     full, crowd = StartCheck().begun_with(0.95), StartCheck().begun_with(0.6)
     assert full.begun_with(0.1).fills_view
     assert not crowd.begun_with(1.0).fills_view
+
+
+def test_a_start_is_in_doubt_while_points_may_be_led_along() -> None:
+    """New points that agree do not end that, as far ones agree with either motion."""
+    body, ids = Evidence(21.0, 30.0), np.arange(40)
+    start = changed(StartCheck(), body=body.after(10.0)).after(ids, ids >= 0)
+    assert start.suspects and start.contradicted and start.problem and not start.is_over
+    more = np.arange(80)
+    start = start.after(more, more >= 0)
+    assert start.confirmation.is_there and not start.is_over and start.problem
+    calm = changed(start, body=body)
+    assert calm.is_over and not calm.problem and calm.contradicted  # what covered it stays
+
+
+def test_a_start_that_has_followed_a_body_is_confirmed_by_points_that_begin_later() -> None:
+    ids = np.arange(40)
+    followed = changed(
+        StartCheck(), body=Evidence(21.0, 30.0).after(22.0), confirmation=Confirmation.sought(MotionRules(), 40)
+    )
+    assert followed.led_along and not followed.suspects
+    old = followed.after(ids, ids >= 0)
+    assert old.problem and not old.is_over
+    assert old.after(ids + 40, ids >= 0).after(ids + 80, ids >= 0).is_over

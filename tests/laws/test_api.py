@@ -12,7 +12,7 @@ from typing import get_args, get_type_hints
 import pytest
 
 import stream_sfm
-from stream_sfm.cli.main import COMMANDS
+from stream_sfm.cli.tables import COMMANDS
 from tests.helpers.places import ROOT
 from tools.api_reference import write_reference
 

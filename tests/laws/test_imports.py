@@ -42,7 +42,7 @@ HOMES = {
     "google": ("logs/recording",),  # protobuf, which the two beside it need
     "foxglove_schemas_protobuf": ("logs/sources", "logs/recording"),
     "isal": ("system/deflate.py",),
-    "rosbags": ("logs/recording", "logs/sources", "results/ros_messages.py"),
+    "rosbags": ("logs/recording", "logs/sources"),
     "ruamel": ("camera",),
     "pandas": ("results/run_results.py",),
     "gtsam": ("places/graph.py",),

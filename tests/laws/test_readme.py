@@ -10,7 +10,8 @@ import cv2
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.cli.main import COMMANDS, main
+from stream_sfm.cli.main import main
+from stream_sfm.cli.tables import COMMANDS
 from stream_sfm.evaluation.figures import NEES_INTERVAL
 from tests.helpers.data_sets import kalibr
 from tests.helpers.places import ROOM, ROOT

@@ -3,11 +3,13 @@
 import json
 
 import pytest
+from rosbags.typesys import Stores, get_typestore
 
 from stream_sfm import LogError
 from stream_sfm.camera.calibration.document import make_camera
 from stream_sfm.logs.mcap_file.message import Channel, Message
 from stream_sfm.logs.recording.messages import MessageDecoder, UndecodableMessage, kind_of
+from stream_sfm.logs.recording.ros import ros_decoder
 from tests.helpers import idl
 from tests.helpers.stereo_logs import ROS1, ROS2
 
@@ -84,3 +86,14 @@ def test_a_distortion_model_that_is_null_does_not_drop_the_coefficients():
     assert decoded.distortion_model == decoded.frame_id == ""
     camera = make_camera((640, 480), decoded.K, decoded.distortion_model, decoded.D)
     assert camera.distortion_model == "plumb_bob" and camera.D == (-0.3, 0.1, 0.0, 0.0)
+
+
+def test_either_end_of_a_number_may_be_first_in_cdr() -> None:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    point = store.types["geometry_msgs/msg/Point"](1.5, -2.0, 1e9)
+    definition, _ = store.generate_msgdef("geometry_msgs/msg/Point", ros_version=2)
+    decode = ros_decoder("cdr", "ros2msg", "geometry_msgs/msg/Point", definition.encode())
+    assert decode is not None
+    for little in (True, False, True):
+        found = decode(bytes(store.serialize_cdr(point, "geometry_msgs/msg/Point", little_endian=little)))
+        assert (found.x, found.y, found.z) == (1.5, -2.0, 1e9)

@@ -18,11 +18,9 @@ from stream_sfm.config import Config, RigConfig, config_to_toml
 from stream_sfm.errors import InputError, LogError
 from stream_sfm.geometry import se3
 from stream_sfm.logs.sources.pose_files import read_tum
-from stream_sfm.results.estimate_messages import TOPICS
 from stream_sfm.results.estimates_reader import read_clouds, read_estimates
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.results.frames import fixed_axis_covariance
-from stream_sfm.results.ros_messages import type_store
 from stream_sfm.results.run_results import read_results
 from stream_sfm.results.trajectory_files import NAMES, lines_of
 from stream_sfm.rig_model.estimate import RigEstimate
@@ -240,8 +238,3 @@ def test_evo_reads_the_odometry_and_the_text_files_straight(written: Path, tmp_p
     tum = file_interface.read_tum_trajectory_file(tmp_path / "trajectory.tum")
     kitti = file_interface.read_kitti_poses_file(tmp_path / "trajectory.kitti")
     assert np.allclose(tum.poses_se3, expected, atol=1e-9) and np.allclose(kitti.poses_se3, expected, atol=1e-9)
-
-
-def test_the_first_frame_waits_for_no_type_of_message() -> None:
-    """What encodes a type takes up to 50 ms to make, in which a camera at 60 Hz loses three frames."""
-    assert set(TOPICS.values()) <= type_store().cache.keys()

@@ -22,7 +22,7 @@ _HEAD = """\
 # are copied; one of a wrong shape is a ValueError (TypeError: of a wrong number of axes). Images are (h, w) grey;
 # what lies beyond their border is as its rim. A record without a comment is described where Python has one of its name.
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray

@@ -78,7 +78,7 @@ class Ekf(TakesSamples, Baseline):
         self._add(obs)
         solution = solution_of(
             obs,
-            frame_status(int(found.accepted.sum()), obs.note, self._robust, found),
+            frame_status(int(found.accepted.sum()), len(found.accepted), obs.note, self._robust, found),
             self._world_from_cam,
             self._cov[:6, :6].copy(),
             WorldPoints(self._ids, *self._in_camera()),

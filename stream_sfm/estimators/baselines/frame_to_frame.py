@@ -144,7 +144,7 @@ class FrameToFrame(Baseline):
         now = WorldPoints.merge([WorldPoints(ids, in_world, cov_in_world), WorldPoints(new_ids, *new)])
         solution = solution_of(
             obs,
-            frame_status(int(pair.kept.sum()), obs.note, self._robust),
+            frame_status(int(pair.kept.sum()), len(pair.kept), obs.note, self._robust),
             world_from_cam,
             cov_pose,
             local,

@@ -78,7 +78,7 @@ class _PerPointWindow(Baseline):
         now = np.isin(self._ids, self._window[-1].ids)
         solution = solution_of(
             obs,
-            frame_status(len(shared) - len(rejected), obs.note, self._robust),
+            frame_status(len(shared) - len(rejected), len(shared), obs.note, self._robust),
             se3.orthonormalise(self._world_from_ref @ ref_from_cam),
             cov_pose,
             WorldPoints(self._ids, *self._points_in_newest_camera()).select(now),

@@ -8,6 +8,7 @@ by more than the motion explains.
 import numpy as np
 
 from ...geometry import Array
+from ...geometry.medians import median
 
 _FEWEST = 12  # patches that do not agree by chance
 _OF_MOTION = 2.0  # the detail in a patch grows with its area, and so with the square of 1/Z
@@ -24,7 +25,7 @@ def lost_or_gained(before: Array, now: Array, changed: float) -> Array:
     log_ratio = log_ratio[np.isfinite(log_ratio)]
     if len(log_ratio) < _FEWEST:
         return np.zeros(len(now))
-    common = float(np.median(log_ratio))
-    std = 1.85 * float(np.median(np.abs(log_ratio - common))) / np.sqrt(len(log_ratio))  # of a median of Gaussians
+    common = median(log_ratio)
+    std = 1.85 * median(np.abs(log_ratio - common)) / np.sqrt(len(log_ratio))  # of a median of Gaussians
     unexplained = common**2 - (_OF_MOTION * changed) ** 2 - (_SIGMAS * std) ** 2
     return np.asarray(np.sqrt(max(unexplained, 0.0)) / now)

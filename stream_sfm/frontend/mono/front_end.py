@@ -83,8 +83,8 @@ class MonoFrontEnd:
         rows = copied(images, state.previous, rules.slope_grey)
         note = torn(rows, state.copied) or image_note(images, state.previous, n, n, enough, rules)
         note = note or ("" if state.map.mapped else state.map.waiting)
-        state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
-        return state.followed_from(images, stamp_ns, rows), replace(observed, note=note)
+        state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns, copied=rows)
+        return state.followed_from(images, stamp_ns), replace(observed, note=note)
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """Return the state unchanged: one camera has no rig errors to learn."""

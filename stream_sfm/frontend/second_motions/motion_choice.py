@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...config.rules import Rules
 from ...geometry import Array, se3
+from ...geometry.evidence import Evidence
 from ...geometry.medians import median
 from ...geometry.resection import (
     MANY_VIEWS,
@@ -28,24 +29,20 @@ from ..seen import Seen
 from ..state import FrontEndState
 from ..step import Step
 from ..tracks import Tracks
-from .depth_order import StartRules, depth_order, is_behind, is_deeper
+from .confirmation import Confirmation
+from .depth_order import StartRules, depth_order, is_behind
+from .start_check import StartCheck
 
 
-def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Resection:
-    """Return the motion that is probably the scene's, with the other one as its second motion."""
-    motion = _expected(step, state, seen, _as_one(step, seen, found))
-    if not state.start.is_over and motion.ok:
-        at_rest = residuals_of(seen.point_views, np.eye(4)) < seen.point_views.gate
-        if np.count_nonzero(motion.accepted & at_rest) < np.count_nonzero(motion.accepted & ~at_rest):
-            motion = _without(step, seen, motion, at_rest)
-        rho = seen.before.points[:, 3]
-        if motion.second is None:
-            near = motion.accepted & (rho >= median(rho[motion.accepted]))
-            motion = _without(step, seen, motion, near)
+def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> tuple[Resection, StartCheck]:
+    """Return the motion that is probably the scene's, with the other one as its second one, and the start's check."""
+    motion, start = _expected(step, state, seen, _as_one(step, seen, found)), state.start
+    if motion.ok and not start.is_over and not start.led_along:
+        motion, start = _without_body(step, start, seen, motion)
     second = motion.second
     if not motion.ok or second is None or second.in_front:
-        return motion
-    return _decided(step, state, seen, motion, second)
+        return motion, start
+    return _decided(step, state, seen, motion, second), start
 
 
 def _as_one(step: Step, seen: Seen, motion: Resection) -> Resection:
@@ -57,8 +54,7 @@ def _as_one(step: Step, seen: Seen, motion: Resection) -> Resection:
     second, views, rules = motion.second, seen.point_views, step.setup.rules
     if second is None or not motion.ok:
         return motion
-    apart = se3.log(motion.cam_from_ref @ se3.inverse(second.cam_from_ref))
-    if apart @ np.linalg.solve(motion.cov_pose + second.cov_pose, apart) < views.settings.halves_apart:
+    if _distance2(motion, second) < views.settings.halves_apart:
         return changed(motion, second=None)  # the camera has moved alike by both
     start = combined(motion, second.cam_from_ref, second.cov_pose).cam_from_ref
     one = refine(views, seen.weights, start, motion.amplitudes)
@@ -86,9 +82,7 @@ def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, se
     odds = votes + order
     if state.start.is_over:
         odds += 2 * clear * _is_newcomer(step, state, seen, motion, second)
-        second = _uncovered(step, seen, motion, second)
-        odds = 0.0 if second.lasted else odds
-    if not second.lasted and other.ok:
+    if other.ok:
         odds += _by_samples(step, motion, other)
     if odds < -clear and other.ok:
         of_first = motion.cam_from_ref, motion.cov_pose, only_first, float(np.exp(odds))
@@ -107,27 +101,6 @@ def _is_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection
     return bool(
         np.count_nonzero(second.views & old) < MIN_VIEWS and np.count_nonzero(motion.accepted & old) >= MANY_VIEWS
     )
-
-
-def _uncovered(step: Step, seen: Seen, motion: Resection, second: SecondMotion) -> SecondMotion:
-    """Return the second motion with `lasted`, if one of the two sets has come into view behind all of the other.
-
-    Points that come into view in front of a scene are on a body. Points that come into view behind everything followed
-    so far may be the scene, and what was followed may be a body that has hidden it. (Until a start is over, its check
-    reports this.)
-    """
-    only_second, followed = seen.before.keep(second.views), seen.before.keep(motion.accepted)
-    if is_deeper(step.setup, only_second, followed):
-        return changed(second, odds=1.0, lasted=_history(followed))
-    lasted = _history(only_second)
-    if lasted < step.setup.rules.of(MotionRules).full_history or not is_deeper(step.setup, followed, only_second):
-        return second
-    return changed(second, lasted=lasted)
-
-
-def _history(tracks: Tracks) -> int:
-    """Return for how many frames enough tracks for a motion have agreed."""
-    return int(np.sort(tracks.agreed)[-MIN_VIEWS]) if len(tracks) >= MIN_VIEWS else 0
 
 
 def _by_samples(step: Step, motion: Resection, other: Resection) -> float:
@@ -189,29 +162,63 @@ def _of_old(step: Step, seen: Seen, old: NDArray[np.bool_], cov_predicted: Array
     return refine(views, seen.weights, step.predicted, np.zeros(views.shared.shape[2]))
 
 
-def _without(step: Step, seen: Seen, motion: Resection, apart: NDArray[np.bool_]) -> Resection:
-    """Return the motion without points `apart` (n,), if it explains all others clearly better and they are in front.
+def _without_body(step: Step, start: StartCheck, seen: Seen, motion: Resection) -> tuple[Resection, StartCheck]:
+    """Return the motion without a body that leads the others along, once the frames since the start say there is one.
 
     Far points agree with any translation that a rotation compensates. So while no track has a history, all far points
     may agree with the motion of a body in front of the camera, or of the robot's own body, which is at rest in the
     image. Only the points in between contradict it, and they are too few for a second motion, or each by too little.
     """
+    rho, rules = seen.before.points[:, 3], step.setup.rules
+    at_rest = residuals_of(seen.point_views, np.eye(4)) < seen.point_views.gate
+    others = []
+    if np.count_nonzero(motion.accepted & at_rest) < np.count_nonzero(motion.accepted & ~at_rest):
+        others.append(_without(step, seen, motion, at_rest))
+    if motion.second is None:
+        others.append(_without(step, seen, motion, motion.accepted & (rho >= median(rho[motion.accepted]))))
+    other, nats = max(filter(None, others), key=lambda found: found[1], default=(motion, 0.0))
+    body = start.body or Evidence(rules.of(StartRules).body, rules.of(MotionRules).unsteady_frames)
+    body = body.after(nats)
+    if not body.is_there:
+        return motion, changed(start, body=body)
+    sought = Confirmation.sought(start.rules, int(seen.before.ids[-1]) + 1)
+    return other, changed(start, body=body, confirmation=sought)
+
+
+def _without(step: Step, seen: Seen, motion: Resection, apart: NDArray[np.bool_]) -> tuple[Resection, float] | None:
+    """Return the motion without points `apart` (n,), and the evidence that these are on a body, eq. (23g).
+
+    None if they determine none, or that of other points than the rest, or if the body is not in front.
+    """
     views, rest, rules = seen.point_views, ~apart, step.setup.rules
     agreed = motion.accepted & rest
     if np.count_nonzero(agreed) < MANY_VIEWS or not (motion.accepted & apart).any():
-        return motion
+        return None
     alone = resect(views.select(rest), motion.cam_from_ref, seen.weights[rest], find_second=False, search=True)
     other = refine(views, seen.weights, alone.cam_from_ref, alone.amplitudes)
     if not alone.ok or not other.ok:
-        return motion
-    body = motion.accepted & (other.squared_residuals > views.clear_gate)
+        return None
     if np.count_nonzero(other.accepted & agreed) < rules.of(MotionRules).as_many * np.count_nonzero(agreed):
-        return motion  # the motion of other points than these
-    if log_odds(other, motion, ~body, views.clear_gate) < rules.of(StartRules).body:
-        return motion
-    if not is_behind(step.setup, seen.before.keep(other.accepted & rest), seen.before.keep(body), fewest=1):
-        return motion
-    return changed(other, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, body, 0.0, in_front=True))
+        return None
+    noise = other.chi2 / max(other.dof, 1) if other.spread == 1 else motion.spread
+    nats = 0.5 * (_distance2(motion, other) / noise - views.settings.halves_apart)
+    if nats <= 0:
+        return motion, nats
+    less = -2 * float(np.log(motion.ambiguous_share)) * noise
+    body = motion.accepted & (other.squared_residuals > motion.squared_residuals + less)
+    fit = refine(views.select(~body), seen.weights[~body], other.cam_from_ref, other.amplitudes)
+    scene = judged(fit, views, seen.weights)
+    behind, before = (seen.before.keep(rows) for rows in (scene.accepted & agreed, body & apart))
+    if not fit.ok or not is_behind(step.setup, behind, before, fewest=1):
+        return None
+    second = SecondMotion(motion.cam_from_ref, motion.cov_pose, body, 0.0, in_front=True)
+    return changed(scene, accepted=scene.accepted & ~body, second=second), nats
+
+
+def _distance2(motion: Resection, other: Resection | SecondMotion) -> float:
+    """Return the squared distance of two motions by both covariances."""
+    apart = se3.log(motion.cam_from_ref @ se3.inverse(other.cam_from_ref))
+    return float(apart @ np.linalg.solve(motion.cov_pose + other.cov_pose, apart))
 
 
 def log_odds(motion: Resection, other: Resection, rows: NDArray[np.bool_], limit: Array) -> float:

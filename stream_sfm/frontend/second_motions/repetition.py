@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...config.section import Section, expert
 from ...geometry import Array, se3
+from ...geometry.evidence import Evidence
 from ...geometry.point_views import PointViews
 from ...geometry.resection import MANY_VIEWS, MIN_VIEWS, SecondMotion, resect
 from ...geometry.robust_rules import RobustRules
@@ -21,6 +22,7 @@ from ...geometry.view_stages import CorrectedViews
 from ...pictures.prepared import Image
 from ...record import changed
 from ..rough_motion import RoughMotion, find_rough_motion
+from ..rules import MotionRules
 from ..state import FrontEndState
 from ..step import Step
 from ..tracks import Tracks
@@ -50,19 +52,32 @@ class RepetitionRules(Section, frozen=True, kw_only=True):
     less: Annotated[float, expert("least drop of the correlation at a look-alike's place", 0, 2)] = 0.3
 
 
-def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
+def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> tuple[FrontEndState, RoughMotion]:
     """Return the motion with a second one for which the scene looks `alike`, if there is one, the smaller one first.
 
     It is sought while hardly any track has a history, and from then on as long as the scene is repetitive. Something
-    unique ends that: it shows the velocity, so that flow no longer begins at a neighbour.
+    unique ends that: it shows the velocity, so that flow no longer begins at a neighbour. What looks different counts
+    over frames, and the state contains this evidence.
     """
-    if state.ambiguity.repeats:
-        second = state.ambiguity.second_beside(rough.cam_from_previous)
-        return changed(rough, alike=second if _still_repeats(step, state.tracks, rough, second) else None)
+    memory = state.ambiguity
+    if memory.repeats:
+        second = memory.second_beside(rough.cam_from_previous)
+        unlike = _unlike(step, state, rough, second)
+        repeats = not unlike.is_there and _repeats(step, _look_alikes(step, state.tracks, rough)[1])
+        state = changed(state, ambiguity=changed(memory, unlike=unlike))
+        return state, changed(rough, alike=second if repeats else None)
     known = np.count_nonzero(state.tracks.agreed) >= MANY_VIEWS
-    second = None if known or state.ambiguity.lasts else _second_motion(step, state.tracks, rough)
+    second = None if known or memory.lasts else _second_motion(step, state.tracks, rough)
     if second is None:
-        return rough
+        return state, rough
+    unlike = _unlike(step, state, rough, second)
+    if unlike.is_there:
+        return state, rough
+    return changed(state, ambiguity=changed(memory, unlike=unlike)), _smaller_first(step, state, rough, second)
+
+
+def _smaller_first(step: Step, state: FrontEndState, rough: RoughMotion, second: SecondMotion) -> RoughMotion:
+    """Return the smaller one of two motions, and the other one as `alike`."""
     size, second_size = (
         np.linalg.norm(se3.log(m) / step.setup.std_acceleration) for m in (rough.cam_from_previous, second.cam_from_ref)
     )
@@ -86,32 +101,37 @@ def _second_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMoti
     cov_px = np.broadcast_to(rules.std_px**2 * np.eye(4), (len(alike), 4, 4))
     views = PointViews(projection, *points, CorrectedViews(alike_px[seen]), cov_px, step.setup.rules.of(RobustRules))
     motion = resect(views, np.eye(4), find_second=False)
-    if not motion.ok or motion.share < rules.share or _is_refuted(step, tracks, rough, motion.cam_from_ref):
+    if not motion.ok or motion.share < rules.share:
         return None
     return SecondMotion(motion.cam_from_ref, motion.cov_pose, views=np.zeros(len(tracks), bool), odds=1.0)
 
 
-def _still_repeats(step: Step, tracks: Tracks, rough: RoughMotion, second: SecondMotion | None) -> bool:
-    """Whether the view still does not show which of two motions is right, the rough one or a `second` one."""
-    if second is not None and _is_refuted(step, tracks, rough, second.cam_from_ref):
-        return False
-    return _repeats(step, _look_alikes(step, tracks, rough)[1])
+def _unlike(step: Step, state: FrontEndState, rough: RoughMotion, second: SecondMotion | None) -> Evidence:
+    """Return the evidence so far that the scene looks different under a second motion, a nat for each patch that does.
+
+    Patches share an object, so that each says less than it could.
+    """
+    rules = step.setup.rules
+    known = state.ambiguity.unlike
+    if known is None:
+        known = Evidence(rules.of(RobustRules).second_views, rules.of(MotionRules).unsteady_frames)
+    return known if second is None else known.after(_different(step, state.tracks, rough, second.cam_from_ref))
 
 
-def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, second_from_previous: Array) -> bool:
-    """Whether enough patches that flow has found look different where a second motion (4, 4) puts them."""
+def _different(step: Step, tracks: Tracks, rough: RoughMotion, second_from_previous: Array) -> int:
+    """Return how many patches that flow has found look different where a second motion puts them."""
     rules, before, now = step.setup.rules.of(RepetitionRules), step.previous.left_half, step.images.left_half
     rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
     rows = rows[:: max(1, len(rows) // rules.compared)]
     other_px = step.setup.projection.project_homogeneous(tracks.points[rows] @ second_from_previous.T)[:, :2]
     apart = np.linalg.norm(other_px - rough.left_px[rows], axis=1) > 4 * rules.half_px  # by more than a patch
-    against = 0
+    different = 0
     for row, at_px in zip(rows[apart], other_px[apart], strict=True):
         patch = _window(before, tracks.left_px[row], rules.half_px)
         found = _likeness(patch, _window(now, rough.left_px[row], rules.half_px + 1))
         elsewhere = _likeness(patch, _window(now, at_px, 2 * rules.half_px))
-        against += found > rules.found and elsewhere < found - rules.less
-    return against >= step.setup.rules.of(RobustRules).second_views
+        different += bool(found > rules.found and elsewhere < found - rules.less)
+    return different
 
 
 def _window(half: Image, at_px: Array, reach: int) -> Image | None:

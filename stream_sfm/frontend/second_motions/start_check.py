@@ -1,7 +1,8 @@
 """Checks whether the motion that a map has started with is the camera's, by points that begin later; section 8.
 
 At a start no track has a history, so bodies that cover most of the view outvote the background. Points that begin later
-reveal this (`confirmation.py`). Those that cannot belong to the scene (`may_be_scene`) do not count: a body that comes
+reveal this (`confirmation.py`), unless they are so far away that they agree with either motion; then the motion of the
+others does (`motion_choice.py`). Those that cannot belong to the scene (`may_be_scene`) do not count: a body that comes
 into view later is found again and again at the same places, and would look like much evidence. Once new points have
 confirmed the motion, or no track of the start is left, it is no longer contradicted. The poses before that remain
 unconfirmed. The map continues.
@@ -12,6 +13,7 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
+from ...geometry.evidence import Evidence
 from ...geometry.resection import MANY_VIEWS
 from ...record import changed, record
 from ..rules import MotionRules
@@ -24,7 +26,7 @@ class StartCheck:
 
     `contradicted`: whether they once were against the motion. Tracks of the start have ids below `later_id`; `gone`:
     whether they are no longer followed. `first_share`: the share of tracks that agreed with the motion of the first
-    frame, 0 before it.
+    frame, 0 before it. `body`: the evidence that points in front are on a body whose motion others follow, eq. (23g).
     """
 
     confirmation: Confirmation = field(default_factory=lambda: Confirmation.sought(MotionRules()))
@@ -32,6 +34,7 @@ class StartCheck:
     later_id: int = 0
     gone: bool = False
     first_share: float = 0.0
+    body: Evidence | None = None
 
     @classmethod
     def of(cls, rules: MotionRules) -> "StartCheck":
@@ -47,6 +50,8 @@ class StartCheck:
         """The problem, or an empty string."""
         if not self.contradicted or self.is_over:
             return ""
+        if self.suspects or self.led_along:
+            return "far points agree with the motion of near ones: it may be that of an object, or have been until now"
         return (
             "too few of the new points agree with the motion since the start: it may be that of an object that moves "
             "through the view"
@@ -60,7 +65,17 @@ class StartCheck:
     @property
     def is_over(self) -> bool:
         """Whether the motion is accepted as the camera's from now on."""
-        return self.gone or self.confirmation.is_there
+        return self.gone or (self.confirmation.is_there and not self.suspects)
+
+    @property
+    def led_along(self) -> bool:
+        """Whether the motion was that of a body, which led other points along, and is no longer followed."""
+        return self.body is not None and self.body.is_there
+
+    @property
+    def suspects(self) -> bool:
+        """Whether the motion may be that of a body which leads other points along."""
+        return self.body is not None and not self.body.is_there and self.body.change > self.rules.confirmed_nats
 
     def begun_with(self, share: float) -> "StartCheck":
         """Return the check with the `share` of a frame's tracks that agree, if it is the first frame."""
@@ -76,5 +91,5 @@ class StartCheck:
         confirmation = self.confirmation.after(ids, accepted)
         later_id = self.later_id or confirmation.next_id
         gone = bool(np.count_nonzero(accepted & (ids < later_id)) < MANY_VIEWS <= np.count_nonzero(accepted))
-        contradicted = self.contradicted or confirmation.contradicted
+        contradicted = self.contradicted or confirmation.contradicted or self.suspects or self.led_along
         return changed(self, confirmation=confirmation, contradicted=contradicted, later_id=later_id, gone=gone)

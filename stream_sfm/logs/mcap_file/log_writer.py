@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import IO, cast
 
-from mcap.writer import CompressionType, Writer
-
 from ... import __version__
 from ...system.files import PartFile
+from .library import CompressionType, Writer
 from .message import Channel, Message
 
 
