@@ -81,8 +81,6 @@ def _agreed_motion(
     """
     rules = step.setup.rules.of(MotionRules)
     motion = resect(seen.point_views, start, seen.weights, step.predicted if rules.one_body else None)
-    if not rules.poor_frames:
-        motion = changed(motion, spread=1.0)
     motion, checked = choose(step, state, seen, motion)
     many = seen.weights[motion.accepted].sum() >= rules.min_agreement * seen.weight
     agree = motion.ok and (many or step.is_sampled(motion))
