@@ -43,11 +43,11 @@ Sides that were not seen, the right ones without `stereo`, are NaN.)",
         "pinholes"_a, "state"_a, "views"_a, "stereo"_a, "expected_px"_a);
     def<&timing_of_views>(m, "timing_of_views", R"(Return `timed_views` (V, 4, 2) for the used views, expected at (V, 4), with `motions` (F, 2, 6) of frames.)",
         "pinholes"_a, "exposed"_a, "state"_a, "views"_a, "expected_px"_a, "motions"_a, "timing"_a);
-    def<&points_seen_again>(m, "points_seen_again", R"(Return the rows of usable views of known points, and these points with their drift.
+    def<&points_seen_again>(m, "points_seen_again", R"(Return the rows of views of known points, and these points with their drift.
 
 Views have `ids` (v,) and variances (v, 3) of q by drift; `known` (n,) ids with q (n, 3) and covariances (n, 3, 3). Both
 ids are ascending. Returns rows (k,), homogeneous points (k, 4), and their covariances (k, 4, 4), drift included.)",
-        "ids"_a, "usable"_a, "var_drift"_a, "known"_a, "q"_a, "cov_q"_a);
+        "ids"_a, "var_drift"_a, "known"_a, "q"_a, "cov_q"_a);
     def<&drift_covariances>(m, "_drift_covariances", R"(Return covariances (n, 3, 3) of q by drift in the reference camera, eq. (33); 0 for points that are not seen.
 
 Points `ids` (n,) with q (n, 3) in anchors (n, 4, 4); variances (v, 3) of q in the camera for the ids `seen` (v,). Both

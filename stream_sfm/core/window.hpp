@@ -49,7 +49,7 @@ struct SeenAgain {
     Array<double, 3> cov;
     FIELDS(rows, points, cov)
 };
-SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices known, Matrix q, Matrices cov_q);
+SeenAgain points_seen_again(Indices ids, Matrix var_drift, Indices known, Matrix q, Matrices cov_q);
 Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q, Indices seen, Matrix var_drift);
 Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
                                   Vector var_slide_px2, double of_one, double of_both);

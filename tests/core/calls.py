@@ -202,7 +202,7 @@ CALLS = {
     "points_of_views": (STATE, SEEN),
     "views_within_gates": (PINHOLES, STATE, SEEN, np.ones(N), 5.0, 9.0),
     "squares_of_tracks": (PINHOLES, STATE, SEEN),
-    "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
+    "points_seen_again": (SLOTS, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
     "_drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "determined_points": (SLOTS, SLOTS[3:], SLOTS, SLOTS > 0, SLOTS > 2, 4),
     "widened_points": (POINTS[:, :3], COV[:, :3, :3], np.eye(4), np.eye(6)),

@@ -30,7 +30,7 @@ from ..state import FrontEndState
 from ..step import Step
 from ..tracks import Tracks
 from .confirmation import Confirmation
-from .depth_order import StartRules, depth_order, is_behind, is_deeper
+from .depth_order import StartRules, depth_order, is_behind
 from .start_check import StartCheck
 
 
@@ -82,9 +82,7 @@ def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, se
     odds = votes + order
     if state.start.is_over:
         odds += 2 * clear * _is_newcomer(step, state, seen, motion, second)
-        second = _uncovered(step, seen, motion, second)
-        odds = 0.0 if second.lasted else odds
-    if not second.lasted and other.ok:
+    if other.ok:
         odds += _by_samples(step, motion, other)
     if odds < -clear and other.ok:
         of_first = motion.cam_from_ref, motion.cov_pose, only_first, float(np.exp(odds))
@@ -103,27 +101,6 @@ def _is_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection
     return bool(
         np.count_nonzero(second.views & old) < MIN_VIEWS and np.count_nonzero(motion.accepted & old) >= MANY_VIEWS
     )
-
-
-def _uncovered(step: Step, seen: Seen, motion: Resection, second: SecondMotion) -> SecondMotion:
-    """Return the second motion with `lasted`, if one of the two sets has come into view behind all of the other.
-
-    Points that come into view in front of a scene are on a body. Points that come into view behind everything followed
-    so far may be the scene, and what was followed may be a body that has hidden it. (Until a start is over, its check
-    reports this.)
-    """
-    only_second, followed = seen.before.keep(second.views), seen.before.keep(motion.accepted)
-    if is_deeper(step.setup, only_second, followed):
-        return changed(second, odds=1.0, lasted=_history(followed))
-    lasted = _history(only_second)
-    if lasted < step.setup.rules.of(MotionRules).full_history or not is_deeper(step.setup, followed, only_second):
-        return second
-    return changed(second, lasted=lasted)
-
-
-def _history(tracks: Tracks) -> int:
-    """Return for how many frames enough tracks for a motion have agreed."""
-    return int(np.sort(tracks.agreed)[-MIN_VIEWS]) if len(tracks) >= MIN_VIEWS else 0
 
 
 def _by_samples(step: Step, motion: Resection, other: Resection) -> float:
