@@ -37,12 +37,22 @@ from .start_check import StartCheck
 def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> tuple[Resection, StartCheck]:
     """Return the motion that is probably the scene's, with the other one as its second one, and the start's check."""
     motion, start = _expected(step, state, seen, _as_one(step, seen, found)), state.start
-    if motion.ok and not start.is_over and not start.led_along:
+    if motion.ok and not start.is_over and not start.followed_body:
         motion, start = _without_body(step, start, seen, motion)
     second = motion.second
     if not motion.ok or second is None or second.in_front:
         return motion, start
-    return _decided(step, state, seen, motion, second), start
+    motion = _decided(step, state, seen, motion, second)
+    return motion, _of_body(step, start, seen) if _was_followed(seen, motion) else start
+
+
+def _was_followed(seen: Seen, motion: Resection) -> bool:
+    """Whether the second motion is that of a body in front, and most tracks that agreed before have it."""
+    old, second = seen.before.agreed > 0, motion.second
+    if second is None or not second.in_front:
+        return False
+    of_body = np.count_nonzero(second.views & old)
+    return bool(of_body >= MANY_VIEWS and of_body > np.count_nonzero(motion.accepted & old))
 
 
 def _as_one(step: Step, seen: Seen, motion: Resection) -> Resection:
@@ -82,8 +92,9 @@ def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, se
     odds = votes + order
     if state.start.is_over:
         odds += 2 * clear * _is_newcomer(step, state, seen, motion, second)
-        second = _uncovered(step, seen, motion, second)
-        odds = 0.0 if second.lasted else odds
+        second, is_behind_all = _uncovered(step, seen, motion, second)
+        if second.lasted:
+            odds = order = -2 * clear * (is_behind_all and _stands(step, motion, other))
     if not second.lasted and other.ok:
         odds += _by_samples(step, motion, other)
     if odds < -clear and other.ok:
@@ -105,20 +116,27 @@ def _is_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection
     )
 
 
-def _uncovered(step: Step, seen: Seen, motion: Resection, second: SecondMotion) -> SecondMotion:
+def _uncovered(step: Step, seen: Seen, motion: Resection, second: SecondMotion) -> tuple[SecondMotion, bool]:
     """Return the second motion with `lasted`, if one of the two sets has come into view behind all of the other.
 
     Points that come into view in front of a scene are on a body. Points that come into view behind everything followed
     so far may be the scene, and what was followed may be a body that has hidden it. (Until a start is over, its check
-    reports this.)
+    reports this.) Also returns whether it is the second set that lies behind.
     """
     only_second, followed = seen.before.keep(second.views), seen.before.keep(motion.accepted)
     if is_deeper(step.setup, only_second, followed):
-        return changed(second, odds=1.0, lasted=_history(followed))
+        return changed(second, odds=1.0, lasted=_history(followed)), True
     lasted = _history(only_second)
     if lasted < step.setup.rules.of(MotionRules).full_history or not is_deeper(step.setup, followed, only_second):
-        return second
-    return changed(second, lasted=lasted)
+        return second, False
+    return changed(second, lasted=lasted), False
+
+
+def _stands(step: Step, motion: Resection, other: Resection) -> bool:
+    """Whether the camera stands by another motion, and not by the first."""
+    near = step.setup.rules.of(MotionRules).expected_near
+    at_rest = SecondMotion(np.eye(4), np.zeros((6, 6)), motion.accepted, 0.0)
+    return other.ok and _distance2(other, at_rest) < near < _distance2(motion, at_rest)
 
 
 def _history(tracks: Tracks) -> int:
@@ -204,8 +222,15 @@ def _without_body(step: Step, start: StartCheck, seen: Seen, motion: Resection) 
     body = body.after(nats)
     if not body.is_there:
         return motion, changed(start, body=body)
+    return other, _of_body(step, start, seen)
+
+
+def _of_body(step: Step, start: StartCheck, seen: Seen) -> StartCheck:
+    """Return the check after it has been decided that the motion since the start was that of a body."""
+    rules = step.setup.rules
+    body = Evidence(rules.of(StartRules).body, rules.of(MotionRules).unsteady_frames, is_there=True)
     sought = Confirmation.sought(start.rules, int(seen.before.ids[-1]) + 1)
-    return other, changed(start, body=body, confirmation=sought)
+    return changed(start, body=body, confirmation=sought, later_id=0, gone=False)
 
 
 def _without(step: Step, seen: Seen, motion: Resection, apart: NDArray[np.bool_]) -> tuple[Resection, float] | None:
@@ -264,6 +289,8 @@ def is_scene_hidden(step: Step, state: FrontEndState, seen: Seen, motion: Resect
     ones, a motion jumps if it is unlike the usual motion of this camera.
     """
     old, trusted = state.tracks.agreed > 0, seen.before.agreed > 0
+    if motion.second is not None and motion.second.in_front:
+        return False  # these are on the body, and the scene is in view
     if np.count_nonzero(motion.accepted & trusted) >= min(MANY_VIEWS, 0.5 * np.count_nonzero(old)):
         return False
     new, rules = seen.before.keep(motion.accepted & ~trusted), step.setup.rules
