@@ -7,21 +7,21 @@ pose in the world may be corrected.
 import logging
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from .errors import ConfigError
 from .geometry import Array, se3
 from .geometry.linear import symmetric
-from .record import Kind, with_changes
+from .record import Kind, record, with_changes
 from .types import CommonErrors, FrameEstimate, RelativeMotions, Status
 
 # The first common errors, of lengths and axes: no view shows them, and no change of the rig ends them.
 UNSEEN = 3
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class Motion:
     """The motion from the frame of an estimate to an earlier one, to be fused or added up.
 
@@ -232,7 +232,7 @@ def in_world(estimate: FrameEstimate, world_from_map: Array, cov: Array | None =
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class Odometry:
     """The path as the chain of motions from each frame to the next, and the velocity (REP 105, eq. (74c)).
 

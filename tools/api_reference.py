@@ -47,8 +47,9 @@ def settings_in_words() -> Iterator[None]:
     def described(of: pdoc.doc.Class) -> dict[str, str]:
         if not issubclass(of.obj, msgspec.Struct):
             return documented(of)
-        hints = get_type_hints(of.obj, include_extras=True)
-        return {name: in_words(hint.__metadata__[0]) for name, hint in hints.items() if get_origin(hint) is Annotated}
+        hints = get_type_hints(of.obj, include_extras=True).items()
+        metas = {name: hint.__metadata__[0] for name, hint in hints if get_origin(hint) is Annotated}
+        return {name: in_words(meta) for name, meta in metas.items() if isinstance(meta, msgspec.Meta)}
 
     with (
         mock.patch("inspect.formatannotation", formatted),

@@ -2,9 +2,9 @@
 
 Each stage has its own file, whose first line describes it; `_core.pyi` has the functions as Python calls them. The
 stages do not depend on Python: `bind_*.cpp` name and describe their arguments, `binding.hpp` checks arrays and reads
-records by the names of their fields, and stages run without Python's lock. `bind_messages.cpp` is no stage: it writes the
-messages of ROS 2 as bytes. The same arrays give the same bytes on every
-machine of the same architecture, in one thread or in several.
+records by the names of their fields, and stages run without Python's lock. `bind_messages.cpp` is no stage: it writes
+the messages of ROS 2 as bytes. The same arrays give the same bytes on every machine of the same architecture, in one
+thread or in several.
 """
 
 import os

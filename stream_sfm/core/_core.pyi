@@ -344,7 +344,11 @@ class TurnRules(Protocol):
     @property
     def std_rad(self) -> float: ...
     @property
+    def limit(self) -> float: ...
+    @property
     def steps(self) -> int: ...
+    @property
+    def guess_frames(self) -> int: ...
 
 class Wanted(Protocol):
     @property
@@ -355,6 +359,36 @@ class Wanted(Protocol):
     def start_is_decided(self) -> bool: ...
     @property
     def search(self) -> bool: ...
+
+class ApparentTurns(Protocol):
+    @property
+    def cov_others(self) -> Array: ...
+    @property
+    def per_s(self) -> Array: ...
+    @property
+    def var_delay_s2(self) -> float: ...
+
+class Turn(Protocol):
+    @property
+    def rad(self) -> Array: ...
+    @property
+    def cov(self) -> Array: ...
+    @property
+    def chi2(self) -> float: ...
+    @property
+    def apparent(self) -> ApparentTurns: ...
+
+class UsualTurns(Protocol):
+    @property
+    def rules(self) -> TurnRules: ...
+    @property
+    def measured(self) -> Array: ...
+    @property
+    def real(self) -> Array: ...
+    @property
+    def frames(self) -> int: ...
+    @property
+    def late(self) -> Array: ...
 
 class WindowState(Protocol):
     @property
@@ -461,29 +495,37 @@ class MovedWindow(tuple[Array, Array, Array, Array, Array]):
     amplitudes: Array
     step: Array
 
-class CovariancePart(Protocol):
+class System(Protocol):
     @property
-    def root(self) -> Array: ...
+    def prior(self) -> Prior: ...
     @property
-    def reach(self) -> Array: ...
+    def solved(self) -> SolvedWindow: ...
     @property
-    def covariant(self) -> Array: ...
+    def rig_ids(self) -> Pixels: ...
     @property
-    def with_both(self) -> Array: ...
+    def rig(self) -> SolvedWindow: ...
     @property
-    def both(self) -> Array: ...
+    def cov_rig(self) -> Array: ...
 
-class AbsorbedPoints(tuple[Ids, Array, Array, Array]):
-    # Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).
+class AbsorbedFrame(tuple[Ids, Array, Array, Array, Array, Array, Array, Array]):
+    # Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k); the modes of world and
+    # inertial state (r, k) with their step (r,); and information (m, m) and weighted sums (m,) about the rig's
+    # errors.
     ids: Ids
     mean: Array
     cov: Array
     modes: Array
+    world_modes: Array
+    world_step: Array
+    information: Array
+    weighted: Array
 
-class PointMarginals(tuple[Array, Array, Array, Array, Array, Array, Mask]):
-    # Points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the rig's errors; metric points in the
-    # camera (P, 3) and in the world, each with covariances (P, 3, 3); and whether each is finite: 1/Z differs from
-    # 0 by more than `known_sigmas` σ.
+class WindowMarginals(tuple[Array, Array, Array, Array, Array, Array, Array, Array, Mask]):
+    # The newest pose (4, 4) with its covariance, and points (P,): q in the camera (P, 3), its covariance (P, 3, 3)
+    # given the rig's errors; metric points in the camera (P, 3) and in the world, each with covariances (P, 3, 3);
+    # and whether each is finite: 1/Z differs from 0 by more than `known_sigmas` σ.
+    world_from_cam: Array
+    cov_pose: Array
     q_in_cam: Array
     cov_q_in_cam: Array
     points_in_cam: Array
@@ -525,23 +567,31 @@ class Preintegrated(tuple[Array, Array, Array, Array, Array, Array]):
     cov_gyro: Array
     cov_accel: Array
 
+class WeighedInnovation(tuple[float, Array, float, float]):
+    # How far two motions are apart: `distance2`, 6 on average; `log_likelihoods` (2,) of rotation and translation,
+    # without the constant; and the time `late_s` in which the camera moves by the difference, with its variance
+    # `var_s2`, eq. (86a).
+    distance2: float
+    log_likelihoods: Array
+    late_s: float
+    var_s2: float
+
 RECORDS: dict[str, tuple[bool, str, list[tuple[str, str]]]]  # is returned; help; fields, types
 
-def absorbed_points(
-    ids: Pixels,
-    std_given: Array,
-    moved: Array,
-    given: Array,
-    q: Array,
-    stays: Mask,
-    ids_new: Pixels,
-    mean_new: Array,
-    cov_new: Array,
-    modes_new: Array,
-) -> AbsorbedPoints: ...
-def absorbing_system(
-    blocks: NormalBlocks, prior: Prior, ref_from_anchor: Array, q: Array, amplitudes: Array
-) -> tuple[Array, Array, Array, Array, Array]: ...
+def absorb_frame(
+    pinholes: Pinholes,
+    state: WindowState,
+    views: WindowViews,
+    stereo: Mask,
+    var_drift: Array,
+    seen_later: Mask,
+    prior: Prior,
+    amplitudes: Array,
+    world_modes: Array,
+    about: Array,
+    weighted: Array,
+    negligible: float,
+) -> AbsorbedFrame: ...
 def align_patches(
     image: Image,
     starts_px: Array,
@@ -616,18 +666,12 @@ def inertial_motion(
 def inertial_rows(
     intervals: Intervals, cams: Array, lead: Array, velocities: Array, state: Array, cam_from_imu: Array
 ) -> tuple[Array, Array, Array]: ...
+def innovation(
+    expected: Array, cov_expected: Array, cam_from_previous: Array, cov: Array, std_slide_rad: float
+) -> tuple[Array, Array, Array, float]: ...
 def inside_area(area: Mask, at_px: Array) -> Mask: ...
 def inverse_root(matrix: Array, repair: bool) -> Array: ...
-def leaving_views(
-    pinholes: Pinholes,
-    state: WindowState,
-    views: WindowViews,
-    stereo: Mask,
-    var_drift: Array,
-    seen_later: Mask,
-    known: Pixels,
-    cov: Array,
-) -> tuple[Ids, Mask, Array, Array, Array, NormalBlocks, Ids, tuple[Array, Array, Array, Array]]: ...
+def learn_turn(usual: UsualTurns, turn: Turn, frames: int) -> tuple[Array, Array, Array]: ...
 def linearise_views(views: Views, cam_from_ref: Array) -> tuple[Array, Array]: ...
 def log_evidence(information: Array, weighted: Array, variances: Array) -> Array: ...
 def match_along_rows(
@@ -645,7 +689,6 @@ def match_new_points(
     tolerance_px: float,
     rules: PointRules,
 ) -> tuple[Ids, Array, Array, Array, Array]: ...
-def minor_directions(covariance: Array, least: float) -> Array: ...
 def motion_of_flow(
     pinholes: Pinholes,
     tracks: Tracks,
@@ -666,6 +709,7 @@ def new_corners(
     min_strength: float,
     rules: PointRules,
 ) -> Ids: ...
+def newest_pose_covariance(state: WindowState, system: System) -> Array: ...
 def normal_blocks(pinholes: Pinholes, state: WindowState, views: WindowViews, with_rig: bool) -> NormalBlocks: ...
 def orthonormalise(poses: Array) -> Array: ...
 def place_new_points(
@@ -677,22 +721,13 @@ def place_new_points(
     least_sigmas: float,
     max_std_px: float,
 ) -> tuple[Ids, Array, Array, Array]: ...
-def point_marginals(
-    ref_from_anchor: Array,
-    q: Array,
-    own: CovariancePart,
-    by_rig: CovariancePart,
-    world_from_ref: Array,
-    cam_from_ref: Array,
-    known_sigmas: float,
-) -> PointMarginals: ...
 def point_motions(poses: Array, seconds: Array) -> Array: ...
 def points_alone(
     v: Array, w: Array, g_point: Array, rig_point: Array, q: Array, rig_step: Array
 ) -> tuple[Array, Array, Array, Array]: ...
 def points_of_views(state: WindowState, views: WindowViews) -> Array: ...
 def points_seen_again(
-    ids: Pixels, usable: Mask, var_drift: Array, known: Pixels, q: Array, cov_q: Array
+    ids: Pixels, var_drift: Array, known: Pixels, q: Array, cov_q: Array
 ) -> tuple[Ids, Array, Array]: ...
 def polynomial_rows(exposed: ExposedRows, z_px: Array) -> Array: ...
 def pose_adjoint(poses: Array) -> Array: ...
@@ -707,7 +742,6 @@ def preintegrate(
 ) -> Preintegrated: ...
 def project_points(pinholes: Pinholes, points: Array) -> Array: ...
 def quaternions(rotations: Array) -> Array: ...
-def reflections(columns: Array) -> tuple[Array, Array]: ...
 def reported_motions(axes: PhysicalAxes, poses: Array, cov: Array, by_terms: Array) -> tuple[Array, Array, Array]: ...
 def reported_points(
     axes: PhysicalAxes, points: Array, cov_points: Array, std_shared: Array, frame_from_cam: Array
@@ -801,9 +835,13 @@ def views_within_gates(
 def warp_patches(
     stored: Image, slots: Pixels, anchor_from_now: Array, radius_px: int, spacing_px: int, rules: TemplateRules
 ) -> tuple[Grey, Array, Grey]: ...
-def whiten_blocks(cov: Array, b: Array) -> Array: ...
+def weigh_innovation(apart: Array, cov: Array, twist: Array) -> WeighedInnovation: ...
+def weigh_turn(usual: UsualTurns, turn: Turn, sizes: Array) -> tuple[float, Array]: ...
 def whitening_of_views(z_px: Array, cov_px: Array) -> Array: ...
 def widened_points(points_in_cam: Array, cov_points_in_world: Array, world_from_cam: Array, cov: Array) -> Array: ...
+def window_marginals(
+    state: WindowState, system: System, world_from_ref: Array, cov_more: Array, known_sigmas: float
+) -> WindowMarginals: ...
 def window_step(
     pinholes: Pinholes,
     state: WindowState,

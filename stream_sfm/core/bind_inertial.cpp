@@ -39,6 +39,16 @@ of true poses by slides, and of slides and velocities given the rest: the covari
 Also returns the Jacobian (23, 23) of both by pose and state at the beginning, and the added covariance (23, 23);
 `std_walk` (6,): of the random walk of the biases.)",
         "interval"_a, "state"_a, "cam_from_imu"_a, "std_walk"_a);
+    def<&innovation>(m, "innovation", R"(Return how far a motion by images is from the expected one, eq. (85): (6,) and its covariance (6, 6).
+
+Also returns the motion by images (6,), of the camera, and the expected rotation, rad. `expected` (4, 4) with covariance
+(6, 6): previous from current camera; `cov` (6, 6): of the inverse of `cam_from_previous`; `std_slide_rad`: of patches
+that slide.)",
+        "expected"_a, "cov_expected"_a, "cam_from_previous"_a, "cov"_a, "std_slide_rad"_a);
+    describe_returned<WeighedInnovation>(m, R"(How far two motions are apart: `distance2`, 6 on average; `log_likelihoods` (2,) of rotation and translation, without the
+constant; and the time `late_s` in which the camera moves by the difference, with its variance `var_s2`, eq. (86a).)");
+    def<&weigh_innovation>(m, "weigh_innovation", R"(Return how far two motions are apart, by their difference (6,), its covariance (6, 6), and the twist (6,) of points per second.)",
+        "apart"_a, "cov"_a, "twist"_a);
 }
 
 }  // namespace binding

@@ -49,27 +49,18 @@ all views of a point share. `cov_points` (n, 3, 3) is increased by that of error
         "rotations"_a);
     def<&orthonormalise>(m, "orthonormalise", R"(Return poses (n, 4, 4) with their approximate rotations projected onto SO(3).)",
         "poses"_a);
-    def<&whiten_blocks>(m, "whiten_blocks", R"(Return L⁻¹ B (n, 3, k) of L Lᵀ = `cov` (n, 3, 3), lower triangles. Raises LinAlgError if one is not definite.)",
-        "cov"_a, "b"_a);
     def<&inverse_root>(m, "inverse_root", R"(Return R (n, n), upper triangular, with R Rᵀ = A⁻¹ of a symmetric positive definite A, of which the lower triangle is read.
 
 A is scaled to a unit diagonal. With `repair`, a matrix that has lost definiteness to rounding gets the smallest increase
 of that diagonal that restores it. Raises LinAlgError if A is not definite.)",
         "matrix"_a, "repair"_a);
-    def<&large_product>(m, "_large_product", R"(Return A B (p, q) of A (p, n) and B (n, q); `upper`: B is an upper triangle.)", "a"_a, "b"_a, "upper"_a);
+    def<&large_product>(m, "_large_product", R"(Return A B (p, q) of A (p, n) and B (n, q).)", "a"_a, "b"_a);
     def<&large_gram>(m, "_large_gram", R"(Return the lower triangle of Aᵀ A (n, n).)", "a"_a);
     def<&solved_by_size>(m, "solved_by_size", R"(Return the log determinants (n,) of I + S A S, and S (I + S A S)⁻¹ S b (n, k, r), with S the diagonal of each of n sizes.
 
 These are the evidence for errors of σ `sizes` (n, k), and their means, with `information` A (k, k) about them and r
 `weighted` sums b (k, r). Raises LinAlgError if a matrix is not definite.)",
         "information"_a, "weighted"_a, "sizes"_a);
-    def<&reflections>(m, "reflections", R"(Return W and V (n, r) of the rotation Q = I - W Vᵀ whose first r columns span the `columns` (n, r), r ≤ n.)",
-        "columns"_a);
-    def<&minor_directions>(m, "minor_directions", R"(Return directions (n, r) along which variables with a `covariance` (n, n) hardly vary; they are not orthonormal.
-
-Of r variables what the n - r others do not explain, which is of a variance below `least`. The others are chosen one
-by one, always the one that is explained least so far.)",
-        "covariance"_a, "least"_a);
 }
 
 }  // namespace binding

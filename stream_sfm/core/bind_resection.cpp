@@ -46,6 +46,15 @@ The covariance of the turn is `root` (3, e) times its transpose, rad². The effe
 It is estimated together with the motion (4, 4), in a few steps of reweighting if a knock of σ `std_rad` may be likelier
 than a `usual` turn of covariance (3, 3). Also returns χ² of the latter. The views must have no shared errors.)",
         "views"_a, "cam_from_ref"_a, "usual"_a, "rules"_a);
+    describe_taken<ApparentTurnsView>(m);
+    describe_taken<TurnView>(m);
+    describe_taken<UsualTurnsView>(m);
+    def<&weigh_turn>(m, "weigh_turn", R"(Return the log of how much likelier a turn is with a knock than without, eq. (72f), and its log-likelihoods (k,).
+
+The latter are of usual turns that are `sizes` (k,) times as large.)",
+        "usual"_a, "turn"_a, "sizes"_a);
+    def<&learn_turn>(m, "learn_turn", R"(Return `measured` and `real` (3, 3) and `late` (2,) of usual turns after one that counts as usual, in their n-th frame.)",
+        "usual"_a, "turn"_a, "frames"_a);
 }
 
 }  // namespace binding

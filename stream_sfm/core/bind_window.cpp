@@ -27,11 +27,12 @@ units of it, `reach` (P, 3, n + m): coupling to the other variables and to the r
 covariance and information (m, m) from all views; m is 0 if they are not among the unknowns.)");
     describe_returned<MovedWindow>(m, R"(The variables of a window after a `step` (6F + e F + k,): poses (F, 4, 4), the frames' own amplitudes (F, e), points q (P,
 3) and amplitudes (k,) of the prior's modes, the rig's errors among them.)");
-    describe_taken<CovariancePart>(m);
-    describe_returned<AbsorbedPoints>(m, R"(Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).)");
-    describe_returned<PointMarginals>(m, R"(Points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the rig's errors; metric points in the camera (P, 3)
-and in the world, each with covariances (P, 3, 3); and whether each is finite: 1/Z differs from 0 by more than
-`known_sigmas` σ.)");
+    describe_taken<SystemViews>(m);
+    describe_returned<AbsorbedFrame>(m, R"(Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k); the modes of world and inertial state
+(r, k) with their step (r,); and information (m, m) and weighted sums (m,) about the rig's errors.)");
+    describe_returned<WindowMarginals>(m, R"(The newest pose (4, 4) with its covariance, and points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the
+rig's errors; metric points in the camera (P, 3) and in the world, each with covariances (P, 3, 3); and whether each is
+finite: 1/Z differs from 0 by more than `known_sigmas` σ.)");
     def<&points_of_views>(m, "points_of_views", R"(Return homogeneous points (u, 4) of the used views of a window, each in its own camera and in front of it.
 
 Views of points that are not in the state are ignored, here and in the following functions.)",
@@ -42,11 +43,11 @@ Sides that were not seen, the right ones without `stereo`, are NaN.)",
         "pinholes"_a, "state"_a, "views"_a, "stereo"_a, "expected_px"_a);
     def<&timing_of_views>(m, "timing_of_views", R"(Return `timed_views` (V, 4, 2) for the used views, expected at (V, 4), with `motions` (F, 2, 6) of frames.)",
         "pinholes"_a, "exposed"_a, "state"_a, "views"_a, "expected_px"_a, "motions"_a, "timing"_a);
-    def<&points_seen_again>(m, "points_seen_again", R"(Return the rows of usable views of known points, and these points with their drift.
+    def<&points_seen_again>(m, "points_seen_again", R"(Return the rows of views of known points, and these points with their drift.
 
 Views have `ids` (v,) and variances (v, 3) of q by drift; `known` (n,) ids with q (n, 3) and covariances (n, 3, 3). Both
 ids are ascending. Returns rows (k,), homogeneous points (k, 4), and their covariances (k, 4, 4), drift included.)",
-        "ids"_a, "usable"_a, "var_drift"_a, "known"_a, "q"_a, "cov_q"_a);
+        "ids"_a, "var_drift"_a, "known"_a, "q"_a, "cov_q"_a);
     def<&drift_covariances>(m, "_drift_covariances", R"(Return covariances (n, 3, 3) of q by drift in the reference camera, eq. (33); 0 for points that are not seen.
 
 Points `ids` (n,) with q (n, 3) in anchors (n, 4, 4); variances (v, 3) of q in the camera for the ids `seen` (v,). Both
@@ -93,30 +94,35 @@ The Jacobians are ∂q by amplitudes of the frame's own (n, 3, e) and by the rig
 `NormalBlocks`, at q (n, 3); the mean is for errors of the rig changed by `rig_step` (m,). Raises LinAlgError if the
 views do not determine a point.)",
         "v"_a, "w"_a, "g_point"_a, "rig_point"_a, "q"_a, "rig_step"_a);
-    def<&leaving_views>(m, "leaving_views", R"(Return the information about points of a map (P,) from the views of the oldest frame, now the reference camera.
+    def<&absorb_frame>(m, "absorb_frame", R"(Return what the prior knows after the views of the oldest frame of a window, the new reference, eqs. (31) to (36a).
 
-Views (V,), `stereo` if both sides were seen, with variances (V, 3) of q by drift; `seen_later` (P,): points that later
-frames see; `known` (N,): rows of the points of the prior, with D (N, 3, 3). Returns the rows (n,) of the prior's points
-that this frame or later ones see, and whether (n,) later ones do; D (n, 3, 3) with their drift, anchors (n, 4, 4) and q
-(n, 3); the normal equations of their views; and the ids of other points that the frame sees in stereo and later ones
-see, with their `points_alone`.)",
-        "pinholes"_a, "state"_a, "views"_a, "stereo"_a, "var_drift"_a, "seen_later"_a, "known"_a, "cov"_a);
-    def<&absorbing_system>(m, "absorbing_system", R"(Return the system of [own e | k + 6 modes] of one frame that is the new reference, eqs. (31) to (35).
+Points of a map (P,) seen from that frame; its views (V,), `stereo` if both sides were seen, with variances (V, 3) of q by
+drift; `seen_later` (P,): points that later frames see. `world_modes` (r, s): modes of the world and of an inertial state
+in that camera, by [the frame's own e | modes before | pose 6 | others with prior information | rig m]; `about` (s, s)
+and `weighted` (s,): further information, (0, 0) without. A mode is left out if it adds less than the share `negligible`
+of the variance by the points' own noise. Raises LinAlgError if the information is not definite.)",
+        "pinholes"_a, "state"_a, "views"_a, "stereo"_a, "var_drift"_a, "seen_later"_a, "prior"_a, "amplitudes"_a, "world_modes"_a,
+        "about"_a, "weighted"_a, "negligible"_a);
+    def<&truncate_modes>(m, "_truncate_modes", R"(Return D (n, 3, 3), modes (n, 3, k) of points and of the world (r, k) without negligible ones, eqs. (36) and (36a).
 
-Six modes of its unknown pose come before those of the rig's errors. Points q (n, 3), all in the prior, have anchors (n,
-4, 4) in this frame.)",
-        "blocks"_a, "prior"_a, "ref_from_anchor"_a, "q"_a, "amplitudes"_a);
-    def<&absorbed_points>(m, "absorbed_points", R"(Return the points of the prior after a frame.
+r modes represent the world exactly, and the last `of_rig` stay.)",
+        "cov"_a, "modes"_a, "world_modes"_a, "of_rig"_a, "negligible"_a);
+    def<&whiten_blocks>(m, "_whiten_blocks", R"(Return L⁻¹ B (n, 3, k) of L Lᵀ = `cov` (n, 3, 3), lower triangles. Raises LinAlgError if one is not definite.)",
+        "cov"_a, "b"_a);
+    def<&reflections>(m, "_reflections", R"(Return W and V (n, r) of the rotation Q = I - W Vᵀ whose first r columns span the `columns` (n, r), r ≤ n.)",
+        "columns"_a);
+    def<&minor_directions>(m, "_minor_directions", R"(Return directions (n, r) along which variables with a `covariance` (n, n) hardly vary; they are not orthonormal.
 
-For the points that `stays` (n,) selects, linearised at q (n, 3): `std_given` (n, 3, 3), roots of their covariances
-given the modes, and in units of these their steps `given` (n, 3) and the parts `moved` (n, 3, k + 1) that the new modes
-and their step subtract. New points (j,) have ids, mean (j, 3), covariances (j, 3, 3) and modes (j, 3, k).)",
-        "ids"_a, "std_given"_a, "moved"_a, "given"_a, "q"_a, "stays"_a, "ids_new"_a, "mean_new"_a, "cov_new"_a, "modes_new"_a);
-    def<&point_marginals>(m, "point_marginals", R"(Return points in the newest camera and in the world, each with covariances, eqs. (28) and (37) to (41).
+Of r variables what the n - r others do not explain, which is of a variance below `least`. The others are chosen one
+by one, always the one that is explained least so far.)",
+        "covariance"_a, "least"_a);
+    def<&newest_pose_covariance>(m, "newest_pose_covariance", R"(Return the covariance (6, 6) of the newest pose in the world, eq. (28); perturbations are on its right.)",
+        "state"_a, "system"_a);
+    def<&window_marginals>(m, "window_marginals", R"(Return the newest pose, and the points in this camera and in the world, each with covariances, eqs. (28) and (37) to (41).
 
-Points have anchors (P, 4, 4) and q (P, 3). `own` and `by_rig`: the parts of the joint covariance given the rig's errors
-and from these errors; poses (4, 4). A point is finite if 1/Z exceeds `known_sigmas` σ.)",
-        "ref_from_anchor"_a, "q"_a, "own"_a, "by_rig"_a, "world_from_ref"_a, "cam_from_ref"_a, "known_sigmas"_a);
+`world_from_ref` (4, 4); `cov_more` (6, 6): added to the pose, and to the points seen from it. A point is finite if 1/Z
+exceeds `known_sigmas` σ.)",
+        "state"_a, "system"_a, "world_from_ref"_a, "cov_more"_a, "known_sigmas"_a);
     def<&widened_points>(m, "widened_points", R"(Return covariances (n, 3, 3) of points in the world, with `cov` (6, 6) added to the pose that sees them.
 
 Points (n, 3) in the camera; the perturbation is on the right of world_from_cam (4, 4), eq. (45).)",

@@ -50,4 +50,21 @@ InertialInformation inertial_information(const IntervalViews& of, Matrices cams,
                                          Matrix velocities, Vector state, Matrix cam_from_imu);
 InertialMotion inertial_motion(const IntervalViews& of, Vector state, Matrix cam_from_imu, Vector std_walk);
 
+// innovation.cpp
+struct Innovation {
+    Array<double, 1> apart{6};
+    Array<double, 2> cov{6, 6};
+    Array<double, 1> motion{6};
+    double turned_rad = 0;
+    FIELDS(apart, cov, motion, turned_rad)
+};
+struct WeighedInnovation {
+    double distance2 = 0;
+    Array<double, 1> log_likelihoods{2};
+    double late_s = 0, var_s2 = 0;
+    RECORD(WeighedInnovation, distance2, log_likelihoods, late_s, var_s2)
+};
+Innovation innovation(Matrix expected, Matrix cov_expected, Matrix cam_from_previous, Matrix cov, double std_slide_rad);
+WeighedInnovation weigh_innovation(Vector apart, Matrix cov, Vector twist);
+
 }  // namespace core

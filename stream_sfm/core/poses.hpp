@@ -17,7 +17,6 @@ Array<double, 2> quaternions(Matrices rotations);
 Array<double, 3> orthonormalise(Matrices poses);
 
 // arrays.cpp
-Array<double, 3> whiten_blocks(Matrices cov, Matrices b);
 Array<double, 2> inverse_root(Matrix matrix, bool repair);
 Array<double, 2> inverse_root_of(Rows matrix, std::size_t n, bool repair);  // of some of its rows and columns
 struct SolvedBySize {
@@ -26,12 +25,6 @@ struct SolvedBySize {
     FIELDS(log_det, mean)
 };
 SolvedBySize solved_by_size(Matrix information, Matrix weighted, Matrix sizes);
-struct Reflections {
-    Array<double, 2> along, axes;
-    FIELDS(along, axes)
-};
-Reflections reflections(Matrix columns);
-Array<double, 2> minor_directions(Matrix covariance, double least);
 Array<bool, 1> among(Indices ids, Indices known);
 Array<std::int64_t, 1> times_among(Indices ids, Indices others, Flags counted);
 Array<std::int64_t, 1> union_of(Indices ids);

@@ -13,16 +13,16 @@ struct Terms {
 inline Terms down(Rows rows) { return {rows.data, rows.stride, 1}; }    // terms are the rows of a matrix
 inline Terms along(Rows rows) { return {rows.data, 1, rows.stride}; }  // terms are its columns
 
-// What of a product is needed: all; its lower triangle; or all, of a B whose rows are zero left of their diagonals.
-enum class Needed { ALL, LOWER, ALL_OF_UPPER };
+// What of a product is needed: all, or its lower triangle.
+enum class Needed { ALL, LOWER };
 
 // C (p, q) += `by` Aᵀ B of n terms each, `stride` numbers between rows of C. Above the diagonal, some of what is not needed
 // may be added, too.
 void add_large_product(double by, Terms a, std::size_t p, Terms b, std::size_t q, std::size_t n, Needed needed, double* c,
                        std::size_t stride);
 
-// For tests of their law: A B of A (p, n) and B (n, q), `upper` if B is an upper triangle; and the lower triangle of Aᵀ A.
-Array<double, 2> large_product(Matrix a, Matrix b, bool upper);
+// For tests of their law: A B of A (p, n) and B (n, q), and the lower triangle of Aᵀ A.
+Array<double, 2> large_product(Matrix a, Matrix b);
 Array<double, 2> large_gram(Matrix a);
 
 // Σ a b over n numbers, in four independent sums.

@@ -78,9 +78,39 @@ Resected resect(const PointViews& views, Matrix start, Vector votes, const Resec
 // Adds (sign 1) or subtracts (-1) the effect of a turn (3,) of the right camera on right positions (n, 2).
 void turn_by(const Pinholes& pinholes, Vector rad, double sign, Array<double, 2>& right);
 struct TurnRules {
-    double std_rad;
-    int steps;
-    RECORD(TurnRules, std_rad, steps)
+    double std_rad, limit;
+    int steps, guess_frames;
+    RECORD(TurnRules, std_rad, limit, steps, guess_frames)
+};
+struct ApparentTurnsView {
+    Matrix cov_others;
+    Vector per_s;
+    double var_delay_s2;
+    RECORD(ApparentTurns, cov_others, per_s, var_delay_s2)
+};
+struct TurnView {
+    Vector rad;
+    Matrix cov;
+    double chi2;
+    ApparentTurnsView apparent;
+    RECORD(Turn, rad, cov, chi2, apparent)
+};
+struct UsualTurnsView {
+    TurnRules rules;
+    Matrix measured, real;
+    int frames;
+    Vector late;
+    RECORD(UsualTurns, rules, measured, real, frames, late)
+};
+struct WeighedTurn {
+    double log_odds;
+    Array<double, 1> log_likelihoods;
+    FIELDS(log_odds, log_likelihoods)
+};
+struct LearntTurns {
+    Array<double, 2> measured{3, 3}, real{3, 3};
+    Array<double, 1> late{2};
+    FIELDS(measured, real, late)
 };
 struct FittedTurn {
     Array<double, 1> rad;
@@ -90,6 +120,8 @@ struct FittedTurn {
     FIELDS(rad, cov, agree, squared)  // the odds only decide how many steps are needed
 };
 Array<double, 3> effects_of_turn(const Pinholes& pinholes, Matrix right);
+WeighedTurn weigh_turn(const UsualTurnsView& usual, const TurnView& turn, Vector sizes);
+LearntTurns learn_turn(const UsualTurnsView& usual, const TurnView& turn, int frames);
 Array<double, 3> views_by_turn(const Pinholes& pinholes, Matrix z, Matrix root);
 Array<double, 3> with_turn(const Pinholes& pinholes, Matrix z, Matrices cov, Matrix root);
 FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, const TurnRules& rules);

@@ -43,31 +43,6 @@ Array<double, 2> inverse_of(Rows matrix, std::size_t n) {
     return result;
 }
 
-// The factored system, in which the last m variables are errors of the rig, eq. (72), about `rig_error`; and the step of
-// the others if these are held.
-SolvedWindow factored(WithoutPoints& system, std::size_t m, Vector rig_error, double* step) {
-    std::size_t size = system.g.size(), n = size - m;
-    const double *h = system.h.data.get(), *g = system.g.data.get();
-    SolvedWindow result{inverse_root_of({h, size}, n, true), {n, m}, std::move(system.std_given), std::move(system.reach), {m}, {0, 0}, {m, m}};
-    Rows root{result.root.data.get(), n};
-    std::vector<double> coupling(m * n), whitened(n), pull(g + n, g + size);
-    Rows coupled{coupling.data(), n};
-    add_large_product(1.0, along({h + n * size, size}), m, down(root), n, n, Needed::ALL_OF_UPPER, coupling.data(), n);
-    add_large_product(-1.0, along(root), n, along(coupled), m, n, Needed::ALL, result.by_rig.data.get(), m);
-    Array<double, 2>& left = result.information_of_rig;
-    for (std::size_t x = 0; x < m; x++) std::copy_n(h + (n + x) * size + n, x + 1, left[x]);
-    add_large_product(-1.0, along(coupled), m, along(coupled), m, n, Needed::LOWER, left.data.get(), m);
-    for (std::size_t x = 0; x < m; x++)
-        for (std::size_t y = 0; y < x; y++) left[y][x] = left[x][y];
-    result.cov_of_rig = inverse_of({left.data.get(), m}, m);
-    for (std::size_t x = 0; x < n; x++) add(g[x], root.data + x * n, n, whitened.data());
-    for (std::size_t x = 0; x < n; x++) step[x] = sum_of_products(root.data + x * n, whitened.data(), n);
-    for (std::size_t x = 0; x < m; x++) pull[x] -= sum_of_products(coupling.data() + x * n, whitened.data(), n);
-    for (std::size_t x = 0; x < m; x++)
-        result.mean_of_rig.data[x] = rig_error.data[x] + sum_of_products(result.cov_of_rig[x], pull.data(), m);
-    return result;
-}
-
 // The variables moved by a step: poses by Exp(ξ) on the left, points as these roots and couplings follow, from their own
 // steps `given` (P, 3).
 MovedWindow moved(const WindowState& state, Vector amplitudes, Array<double, 1>&& step, Matrices std_given, Matrices reach, double* given) {
@@ -93,6 +68,27 @@ MovedWindow moved(const WindowState& state, Vector amplitudes, Array<double, 1>&
 
 }  // namespace
 
+// The last m variables are errors of the rig, eq. (72).
+WIDER FactoredWindow factored(WithoutPoints& system, std::size_t m) {
+    std::size_t size = system.g.size(), n = size - m;
+    const double *h = system.h.data.get(), *g = system.g.data.get();
+    FactoredWindow result{{inverse_root_of({h, size}, n, true), {n, m}, std::move(system.std_given), std::move(system.reach), {m}, {0, 0}, {m, m}}, {n}, {m}};
+    Rows root{result.solved.root.data.get(), n};
+    std::vector<double> coupling(m * n), whitened(n);
+    Rows coupled{coupling.data(), n};
+    add_large_product(1.0, along({h + n * size, size}), m, down(root), n, n, Needed::ALL, coupling.data(), n);
+    add_large_product(-1.0, along(root), n, along(coupled), m, n, Needed::ALL, result.solved.by_rig.data.get(), m);
+    Array<double, 2>& left = result.solved.information_of_rig;
+    for (std::size_t x = 0; x < m; x++) std::copy_n(h + (n + x) * size + n, x + 1, left[x]);
+    add_large_product(-1.0, along(coupled), m, along(coupled), m, n, Needed::LOWER, left.data.get(), m);
+    for (std::size_t x = 0; x < m; x++)
+        for (std::size_t y = 0; y < x; y++) left[y][x] = left[x][y];
+    for (std::size_t x = 0; x < n; x++) add(g[x], root.data + x * n, n, whitened.data());
+    for (std::size_t x = 0; x < n; x++) result.alone.data[x] = sum_of_products(root.data + x * n, whitened.data(), n);
+    for (std::size_t x = 0; x < m; x++) result.pull_of_rig.data[x] = g[n + x] - sum_of_products(coupling.data() + x * n, whitened.data(), n);
+    return result;
+}
+
 WIDER WindowStep window_step(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const PriorViews& prior,
                              Vector amplitudes, bool with_rig, Matrix about_state, Vector weighted_state) {
     NormalBlocks blocks = normal_blocks(pinholes, state, views, with_rig);
@@ -103,8 +99,13 @@ WIDER WindowStep window_step(const Pinholes& pinholes, const WindowState& state,
     WithoutPoints system = without_points(views_of(blocks), prior, state.ids, state.q, amplitudes, 6);
     add_inertial(about_state, weighted_state, prior, 6 * frames, modes, system);
     std::size_t size = system.g.size(), n = size - m;
+    FactoredWindow found = factored(system, m);
+    SolvedWindow& solved = found.solved;
+    solved.cov_of_rig = inverse_of({solved.information_of_rig.data.get(), m}, m);
+    for (std::size_t x = 0; x < m; x++)
+        solved.mean_of_rig.data[x] = state.rig_error.data[x] + sum_of_products(solved.cov_of_rig[x], found.pull_of_rig.data.get(), m);
     Array<double, 1> step(modes + amplitudes.shape[0]);
-    SolvedWindow solved = factored(system, m, state.rig_error, step.data.get());
+    std::copy_n(found.alone.data.get(), n, step.data.get());
     for (std::size_t x = 0; x < m; x++) step.data[n + x] = prior.rig.held.data[x] - state.rig_error.data[x];
     for (std::size_t x = 0; x < n; x++) step.data[x] += sum_of_products(solved.by_rig[x], step.data.get() + n, m);
     double* given = system.given.data.get();

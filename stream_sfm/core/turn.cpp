@@ -22,6 +22,18 @@ double squared_length(const double* a, const double* x, double& log_det) {
     return sum;
 }
 
+// `out` (3, 3) becomes a + by · x xᵀ.
+void add_outer(const double* a, double by, const double* x, double* out) {
+    for (int i = 0; i < 9; i++) out[i] = a[i] + by * x[i / 3] * x[i % 3];
+}
+
+void require_turn(const UsualTurnsView& usual, const TurnView& turn) {
+    for (Matrix of : {usual.measured, usual.real, turn.cov, turn.apparent.cov_others}) require_shape(of, {3, 3}, "a covariance");
+    require_shape(turn.rad, {3}, "rad");
+    require_shape(turn.apparent.per_s, {3}, "per_s");
+    require_shape(usual.late, {2}, "late");
+}
+
 // The whitened rows of views: columns of motion and turn, and the residual; `squares`: the squared residuals of each view.
 std::vector<double> rows_of(const PointViews& views, const LinearisedViews& linear, const ViewResiduals& seen,
                             std::vector<double>& squares) {
@@ -134,6 +146,64 @@ Array<double, 3> with_turn(const Pinholes& pinholes, Matrix z, Matrices cov, Mat
             const double *a = moved[i] + c / 4 * e, *b = moved[i] + c % 4 * e;
             result[i][c] = std::inner_product(a, a + e, b, cov[i][c]);
         }
+    return result;
+}
+
+WeighedTurn weigh_turn(const UsualTurnsView& usual, const TurnView& turn, Vector sizes) {
+    require_turn(usual, turn);
+    WeighedTurn result{0, {sizes.shape[0]}};
+    double own[9], with_usual[9], knocked[9], sized[9], log_det, log_det_knocked;
+    add_outer(turn.apparent.cov_others.data, turn.apparent.var_delay_s2, turn.apparent.per_s.data, own);
+    for (int i = 0; i < 9; i++) {
+        own[i] += turn.cov.data[i];
+        with_usual[i] = own[i] + usual.measured.data[i];
+        knocked[i] = with_usual[i] + (i % 4 == 0 ? usual.rules.std_rad * usual.rules.std_rad : 0.0);
+    }
+    double squared = squared_length(with_usual, turn.rad.data, log_det);
+    double of_knock = squared_length(knocked, turn.rad.data, log_det_knocked);
+    // `measured` follows from three numbers in each frame, so usual turns have a t-distribution
+    double n = 3.0 * (std::max(usual.frames - usual.rules.guess_frames, 0) + 1);
+    double log_usual = std::lgamma((n + 3) / 2) - std::lgamma(n / 2) - 1.5 * std::log(n / 2);
+    log_usual -= (n + 3) / 2 * std::log1p(squared / n) + log_det / 2;
+    result.log_odds = -of_knock / 2 - log_det_knocked / 2 - log_usual;
+    for (std::size_t k = 0; k < sizes.shape[0]; k++) {
+        for (int i = 0; i < 9; i++) sized[i] = own[i] + sizes.data[k] * sizes.data[k] * usual.real.data[i];
+        double distance2 = squared_length(sized, turn.rad.data, log_det);
+        result.log_likelihoods.data[k] = -0.5 * (distance2 + log_det);
+    }
+    return result;
+}
+
+LearntTurns learn_turn(const UsualTurnsView& usual, const TurnView& turn, int frames) {
+    require_turn(usual, turn);
+    require(frames > 0, "a turn is learnt from some frames");
+    LearntTurns result;
+    const double *per_s = turn.apparent.per_s.data, *rad = turn.rad.data, *real = usual.real.data;
+    double others[9], all[9], by_delay[3], cov[9], inverse[9], left[3], gain[9], moved[3];
+    for (int i = 0; i < 9; i++) {
+        others[i] = turn.cov.data[i] + turn.apparent.cov_others.data[i];
+        all[i] = real[i] + others[i];
+    }
+    std::copy_n(per_s, 3, by_delay);
+    require_definite(solve_positive(all, by_delay, 3), "the covariance of turns is not definite");
+    double keep = 1 - 1.0 / frames, var_s2 = turn.apparent.var_delay_s2;
+    result.late.data[0] = keep * usual.late.data[0] + std::inner_product(by_delay, by_delay + 3, per_s, 0.0);
+    result.late.data[1] = keep * usual.late.data[1] + std::inner_product(by_delay, by_delay + 3, rad, 0.0);
+    var_s2 = var_s2 > 0 ? 1 / (1 / var_s2 + result.late.data[0]) : 0.0;
+    add_outer(others, var_s2, per_s, cov);
+    for (int i = 0; i < 9; i++) cov[i] += real[i];
+    for (int i = 0; i < 3; i++) left[i] = rad[i] - var_s2 * result.late.data[1] * per_s[i];
+    invert3(cov, inverse);
+    multiply<3, 3, 3>(real, inverse, gain);
+    multiply<3, 3, 1>(gain, left, moved);
+    multiply<3, 3, 3>(gain, real, all);
+    double counts = turn.chi2 < usual.rules.limit ? 1.0 : usual.rules.limit / turn.chi2;
+    for (int i = 0; i < 9; i++) {
+        int j = i % 3 * 3 + i / 3;
+        double expected = counts * moved[i / 3] * moved[i % 3] + real[i] - 0.5 * (all[i] + all[j]);
+        result.real.data[i] = real[i] + (expected - real[i]) / frames;
+        result.measured.data[i] = usual.measured.data[i] + (counts * rad[i / 3] * rad[i % 3] - usual.measured.data[i]) / frames;
+    }
     return result;
 }
 

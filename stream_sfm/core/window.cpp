@@ -174,16 +174,15 @@ Array<double, 3> q_by_reference(Matrices ref_from_anchor, Matrix q) {
     return result;
 }
 
-SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices known, Matrix q, Matrices cov_q) {
+SeenAgain points_seen_again(Indices ids, Matrix var_drift, Indices known, Matrix q, Matrices cov_q) {
     std::size_t n = ids.shape[0], points = known.shape[0];
-    require_shape(usable, {n}, "usable");
     require_shape(var_drift, {n, 3}, "var_drift");
     require_shape(q, {points, 3}, "q");
     require_shape(cov_q, {points, 3, 3}, "cov_q");
     std::vector<std::size_t> views, at;
     Lookup before{known};
     for (std::size_t i = 0; i < n; i++)
-        if (std::size_t row = usable.data[i] ? before.row(ids.data[i]) : NONE; row != NONE) views.push_back(i), at.push_back(row);
+        if (std::size_t row = before.row(ids.data[i]); row != NONE) views.push_back(i), at.push_back(row);
     SeenAgain result{numbers(views), {views.size(), 4}, {views.size(), 4, 4}};
     for (std::size_t i = 0; i < views.size(); i++) {
         result.points[i][2] = 1.0;

@@ -49,7 +49,7 @@ struct SeenAgain {
     Array<double, 3> cov;
     FIELDS(rows, points, cov)
 };
-SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices known, Matrix q, Matrices cov_q);
+SeenAgain points_seen_again(Indices ids, Matrix var_drift, Indices known, Matrix q, Matrices cov_q);
 Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q, Indices seen, Matrix var_drift);
 Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
                                   Vector var_slide_px2, double of_one, double of_both);
@@ -95,7 +95,6 @@ struct WithoutPoints {
     Array<double, 1> g;
     Array<double, 3> std_given, reach;
     Array<double, 2> given;
-    FIELDS(h, g, std_given, reach, given)
 };
 EliminatedPoints eliminate_points(Matrices v, Matrices w);
 WithoutPoints without_points(const BlockViews& blocks, const PriorViews& prior, Indices ids, Matrix q, Vector amplitudes,
@@ -118,6 +117,11 @@ struct MovedWindow {
     Array<double, 1> amplitudes, step;
     RECORD(MovedWindow, cams_from_ref, own, q, amplitudes, step)
 };
+struct FactoredWindow {  // with the step of the other variables if the rig's errors stay, and the right-hand side of these
+    SolvedWindow solved;
+    Array<double, 1> alone, pull_of_rig;
+};
+FactoredWindow factored(WithoutPoints& system, std::size_t m);
 struct WindowStep {
     SolvedWindow solved;
     MovedWindow moved;
@@ -134,45 +138,54 @@ struct PointsAlone {
     Array<double, 3> cov, by_own, by_rig;
     FIELDS(mean, cov, by_own, by_rig)
 };
-struct AbsorbedPoints {
+struct AbsorbedFrame {
     Array<std::int64_t, 1> ids;
     Array<double, 2> mean;
     Array<double, 3> cov, modes;
-    RECORD(AbsorbedPoints, ids, mean, cov, modes)
-};
-struct LeavingViews {
-    Array<std::int64_t, 1> rows;
-    Array<bool, 1> stays;
-    Array<double, 3> cov, anchors;
-    Array<double, 2> q;
-    NormalBlocks blocks;
-    Array<std::int64_t, 1> fresh;
-    PointsAlone alone;
-    FIELDS(rows, stays, cov, anchors, q, blocks, fresh, alone)
+    Array<double, 2> world_modes;
+    Array<double, 1> world_step;
+    Array<double, 2> information;
+    Array<double, 1> weighted;
+    RECORD(AbsorbedFrame, ids, mean, cov, modes, world_modes, world_step, information, weighted)
 };
 PointsAlone points_alone(Matrices v, Matrices w, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step);
-LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Flags stereo,
-                           Matrix var_drift, Flags seen_later, Indices known, Matrices cov);
-WithoutPoints absorbing_system(const BlockViews& blocks, const PriorViews& prior, Matrices anchors, Matrix q,
-                              Vector amplitudes);
-AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, Matrix given, Matrix q, Flags stays,
-                               Indices ids_new, Matrix mean_new, Matrices cov_new, Matrices modes_new);
+AbsorbedFrame absorb_frame(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Flags stereo, Matrix var_drift,
+                           Flags seen_later, const PriorViews& prior, Vector amplitudes, Matrix world_modes, Matrix about,
+                           Vector weighted, double negligible);
+
+// truncation.cpp
+Array<double, 3> whiten_blocks(Matrices cov, Matrices b);
+struct Reflections {
+    Array<double, 2> along, axes;
+    FIELDS(along, axes)
+};
+Reflections reflections(Matrix columns);
+Array<double, 2> minor_directions(Matrix covariance, double least);
+struct TruncatedModes {
+    Array<double, 3> cov, modes;
+    Array<double, 2> world_modes;
+    FIELDS(cov, modes, world_modes)
+};
+TruncatedModes truncate_modes(Matrices cov, Matrices modes, Matrix world_modes, std::size_t of_rig, double negligible);
 
 // marginals.cpp
-struct CovariancePart {  // of points, a pose and the world; see normal_equations.py
-    Matrices root, reach, covariant, with_both;
-    Matrix both;
-    RECORD(CovariancePart, root, reach, covariant, with_both, both)
+struct SystemViews {  // see normal_equations.py
+    PriorViews prior;
+    SolvedViews solved;
+    Indices rig_ids;
+    SolvedViews rig;
+    Matrix cov_rig;
+    RECORD(System, prior, solved, rig_ids, rig, cov_rig)
 };
-struct PointMarginals {
-    Array<double, 2> q_in_cam, points_in_cam, points_in_world;
+struct WindowMarginals {
+    Array<double, 2> world_from_cam, cov_pose, q_in_cam, points_in_cam, points_in_world;
     Array<double, 3> cov_q_in_cam, cov_points, cov_points_in_world;
     Array<bool, 1> finite;
-    RECORD(PointMarginals, q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite)
+    RECORD(WindowMarginals, world_from_cam, cov_pose, q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite)
 };
-PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, const CovariancePart& own,
-                               const CovariancePart& of_rig, Matrix world_from_ref, Matrix cam_from_ref,
-                               double known_sigmas);
+Array<double, 2> newest_pose_covariance(const WindowState& state, const SystemViews& system);
+WindowMarginals window_marginals(const WindowState& state, const SystemViews& system, Matrix world_from_ref, Matrix cov_more,
+                                 double known_sigmas);
 Array<double, 3> widened_points(Matrix points_in_cam, Matrices cov_in_world, Matrix world_from_cam, Matrix cov);
 
 }  // namespace core

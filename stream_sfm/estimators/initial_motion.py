@@ -51,5 +51,4 @@ def _second_motion(found: Resection, observations: Observations) -> SecondMotion
         ambiguity.cov_other,
         views=np.zeros_like(found.accepted),
         odds=1.0,
-        lasted=ambiguity.lasted,
     )

@@ -281,7 +281,7 @@ def _ambiguity(second: SecondMotion | None, state: FrontEndState) -> Ambiguity |
     """Return why a frame's motion may not be the camera's: another one may be, or its images are inconsistent."""
     misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
     if second is not None:
-        return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, second.lasted, of_start)
+        return Ambiguity(second.cam_from_ref, second.cov_pose, misfit, of_start)
     return Ambiguity(misfit=True, of_start=of_start) if misfit else None
 
 

@@ -13,7 +13,6 @@ from .se3 import Array
 # m², rad², or of an amplitude: added where something is known by definition, such as the first camera, so that its
 # covariance has a root and an inverse. A micrometre and a microradian are far below the error of any estimate.
 LEAST_VARIANCE = 1e-12
-_PANEL = 48  # columns; measured: the fewest that a product is fast with
 
 
 def symmetric(a: Array) -> Array:
@@ -30,23 +29,6 @@ def product(a: Array, b: Array) -> Array:
     """Return A B of stacked matrices (…, k) with one matrix (k, n), by a single product instead of many small ones."""
     *stack, k = a.shape
     return np.asarray((a.reshape(math.prod(stack), k) @ b).reshape(*stack, b.shape[1]))
-
-
-def turned(a: Array, by: tuple[Array, Array]) -> Array:
-    """Return A Q of stacked matrices (…, n) with Q as `core.reflections` returns it."""
-    along, axes = by
-    return a - product(product(a, along), axes.T)
-
-
-def times_upper(a: Array, upper: Array) -> Array:
-    """Return A R of stacked matrices (…, n) with one upper triangle (n, n), of whose zeros most are left out."""
-    n = len(upper)
-    flat, result = a.reshape(-1, n), np.empty(a.shape)
-    out = result.reshape(-1, n)
-    for first in range(0, n, _PANEL):
-        end = first + _PANEL
-        np.matmul(flat[:, :end], upper[:end, first:end], out=out[:, first:end])
-    return result
 
 
 def matvec(a: Array, x: Array) -> Array:
@@ -84,22 +66,3 @@ class Cholesky:
     def inverse(self) -> Array:
         """Return A⁻¹, symmetric."""
         return symmetric(self.root @ self.root.T)
-
-
-class Elimination:
-    """Elimination of the first n variables of a symmetric positive definite matrix [[A, Bᵀ], [B, C]].
-
-    `root` (n, n) = R, upper triangular, with R Rᵀ = A⁻¹; `by_others` (n, m) = −A⁻¹Bᵀ: the derivative of the eliminated
-    variables by the others; and `left` (m, m) = C − B A⁻¹Bᵀ, the information about the others. Bᵀ is not read.
-    """
-
-    def __init__(self, matrix: Array, n: int) -> None:
-        self.root = Cholesky(matrix[:n, :n]).root
-        self._coupling = matrix[n:, :n] @ self.root
-        self.by_others = -self.root @ self._coupling.T
-        self.left = matrix[n:, n:] - self._coupling @ self._coupling.T
-
-    def reduced(self, right: Array) -> tuple[Array, Array]:
-        """Return the eliminated variables (n,) if the others are 0, and the remaining right-hand side (m,) of these."""
-        whitened = self.root.T @ right[: len(self.root)]
-        return self.root @ whitened, right[len(self.root) :] - self._coupling @ whitened

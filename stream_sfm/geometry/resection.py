@@ -37,16 +37,14 @@ class SecondMotion:
     """A second motion, `cam_from_ref` (4, 4), of views that clearly disagree with the first one.
 
     `cov_pose` (6, 6): of ref_from_cam, right perturbation. `views` (n,) bool: those that agree only with this motion;
-    `odds`: their evidence over that of the views that agree only with the first motion. `lasted`: the number of frames
-    for which the first motion may already have been wrong. `in_front`: whether these views are in front of those of
-    the first motion, and so on a moving body.
+    `odds`: their evidence over that of the views that agree only with the first motion. `in_front`: whether these
+    views are in front of those of the first motion, and so on a moving body.
     """
 
     cam_from_ref: Array
     cov_pose: Array
     views: NDArray[np.bool_]
     odds: float
-    lasted: int = 0
     in_front: bool = False
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Array
+from ..geometry.medians import median
 from ..record import record
 from ..system.inputs import INT64
 from .samples import ImuCalibration, ImuSamples
@@ -126,7 +127,7 @@ class SampleBuffer:
         self.counts["saturated"] += int(saturated.sum() - self._saturated.sum())
         self._samples, self._saturated = everything[old:], saturated[old:]
         if len(self._samples) > 1:
-            self._period_ns = float(np.median(np.diff(self._samples.stamps_ns[-200:])))
+            self._period_ns = median(np.diff(self._samples.stamps_ns[-200:]))
 
     def _forget_contradicted(self, samples: ImuSamples) -> None:
         """Forget the newest sample if its stamp is ahead of a new sample."""

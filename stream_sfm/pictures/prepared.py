@@ -1,7 +1,6 @@
 """The rectified images of one frame in all forms that the front-end needs."""
 
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..record import record
 from .rules import FlowRules
 
 Image = NDArray[np.uint8]
@@ -39,7 +39,7 @@ def outer_columns(image: Image) -> Image:
     return np.concatenate([image[:, :quarter:2], image[:, -quarter::2]], axis=1)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@record
 class PreparedImages:
     """The two smoothed images (h, w) of one frame, and the left one at half the size for flow.
 

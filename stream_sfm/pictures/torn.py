@@ -68,7 +68,8 @@ def _bands(image: Image, before: Image, slope_grey: int) -> int | None:
 def _ends_alike(image: Image, before: Image) -> bool:
     """Whether most pixels of some first or last rows are equal, as in hardly any image."""
     rows = len(image) // _BANDS
-    return any(bool((image[at] == before[at]).mean() > _NEW) for at in (slice(0, rows, 4), slice(-rows, None, 4)))
+    ends = ((image[at], before[at]) for at in (slice(0, rows, 4), slice(-rows, None, 4)))
+    return any(np.count_nonzero(now == then) / now.size > _NEW for now, then in ends)
 
 
 def _equal(image: Image, before: Image, slope_grey: int) -> NDArray[np.float64]:

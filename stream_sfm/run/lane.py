@@ -15,7 +15,7 @@ from ..pipeline.lane import BareLane
 from ..pipeline.observer import Observed, Observer
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
-from ..types import FrameEstimate, InertialEstimator, Observations, Solution
+from ..types import FrameEstimate, Observations, Solution
 from .world import World
 
 
@@ -50,7 +50,7 @@ class Lane(BareLane):
         self._world.restart(self.observer.state.frame_index)
         self.solution = None
         self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
-        self.estimator = make_estimator(self.config.method, observer.projection, self.config)
+        self._use(make_estimator(self.config.method, observer.projection, self.config))
 
     def take(self, observed: Observed) -> FrameEstimate | None:
         """Estimate a frame and write it; None if the lane has failed, now or before."""
@@ -65,8 +65,8 @@ class Lane(BareLane):
             kind = "" if isinstance(error, np.linalg.LinAlgError) else f"{type(error).__name__}: "
             self.record.failure = f"stopped at frame {observed.observations.frame_index}: {kind}{error}"
             return None
-        if isinstance(self.estimator, InertialEstimator):
-            self.record.inertial_problem = self.estimator.inertial_problem
+        if self.inertial is not None:
+            self.record.inertial_problem = self.inertial.inertial_problem
         began_s = time.thread_time()
         if self.folder is not None:
             self.folder.write(estimate)

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
@@ -18,6 +17,7 @@ from ..inspection.calibration_check import CalibrationSink
 from ..logs.recording.stereo_log import StereoLog, open_log
 from ..methods import METHODS
 from ..pipeline.observer import Observer
+from ..record import record
 from ..report.calibration import describe
 from ..report.records import RunRecord, Truth
 from ..report.verdict import rows_warning
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from .self_test import SelfTestOfRun
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class ReplayResult:
     """The result of a replay: `summary` as in summary.json, `out_dir` (None: nothing was written), all poses.
 

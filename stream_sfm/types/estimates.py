@@ -11,7 +11,7 @@ from ..geometry import Array
 from ..geometry.linear import Cholesky
 from ..inertial.state import GRAVITY
 from ..inertial.upright import BODY_FROM_CAMERA_AXES, Upright
-from ..record import About, Kind
+from ..record import About, Kind, record
 from ..rig_model.estimate import RigEstimate
 from .observations import RigChange
 
@@ -27,7 +27,7 @@ class Status(StrEnum):
     LOST = "lost"  # predicted only; the covariance grows accordingly
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class InertialEstimate:
     """The inertial state of a frame, in axes of the camera; SI and radians.
 
@@ -72,7 +72,7 @@ def _no_ids() -> NDArray[np.int64]:
     return np.empty(0, dtype=np.int64)
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class RelativeMotions:
     """Motions between the newest frame and earlier ones (r), each with its covariance.
 
@@ -100,7 +100,7 @@ class RelativeMotions:
         return f"<RelativeMotions to frames {self.frame_indices.tolist()}>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class CommonErrors:
     """Errors c (m,) that all poses and motions of a run have in common, so that no number of frames averages them out.
 
@@ -199,7 +199,7 @@ class Solution:
         return f"<Solution {self.status} {pose}, {len(self.track_ids)} points>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class Prediction:
     """Where inertial samples since the latest frame put the camera at `stamp_ns`.
 
@@ -254,7 +254,7 @@ class FrameEstimate(Solution):
         return f"<FrameEstimate {self.frame_index} {self.status} {pose}, {len(self.track_ids)} points>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class Trajectory:
     """Poses over time: `stamps_ns` (n,) int64, ascending; `world_from_cam` (n, 4, 4); `cov_pose` (n, 6, 6) or None."""
 

@@ -1,6 +1,6 @@
 """The observations of the front-end in a frame, and what it notices about the rig."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated
 
 import numpy as np
@@ -52,15 +52,14 @@ class Ambiguity:
     """Why the motion of the views may not be that of the camera.
 
     `other_from_previous` (4, 4): another motion since the previous frame that may equally be the camera's, and its
-    covariance `cov_other` (6, 6), of the perturbation on the right of its inverse; or None. `lasted`: the number of
-    earlier frames in which the tracked points may have been on a moving body. `misfit`: the images do not fit each
-    other or the calibration; the note of the observations says why. `of_start`: this is so since the map began.
+    covariance `cov_other` (6, 6), of the perturbation on the right of its inverse; or None. `misfit`: the images do
+    not fit each other or the calibration; the note of the observations says why. `of_start`: this is so since the map
+    began.
     """
 
     other_from_previous: Array | None = None
     cov_other: Array | None = None
     misfit: bool = False
-    lasted: int = 0
     of_start: bool = False
 
     def __repr__(self) -> str:
@@ -149,7 +148,7 @@ class ExpectedMotion:
         return f"<ExpectedMotion since {self.since_ns} ns>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class Observations:
     """What the front-end found in one frame, in pixels of the rectified images.
 

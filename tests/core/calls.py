@@ -38,6 +38,10 @@ ROWS = Record(
     projection=PINHOLES, field=GRID, mean=np.ones(13), cov=np.eye(13), scatter_px=0.2, max_px=2.0, rules=RowRules()
 )
 EXPOSED = Record(size_px=(80.0, 60.0), coefficients=RNG.normal(size=(2, 3, 3)))
+TURN_RULES = Record(std_rad=0.1, limit=27.0, steps=12, guess_frames=5)
+USUAL = Record(rules=TURN_RULES, measured=np.eye(3), real=np.eye(3), frames=3, late=np.ones(2))
+APPARENT = Record(cov_others=np.eye(3), per_s=np.ones(3), var_delay_s2=1.0)
+TURN = Record(rad=np.ones(3), cov=np.eye(3), chi2=1.0, apparent=APPARENT)
 RIGHT_SIDES = Record(rows=ROWS, turn_rad=np.ones(3), twist=np.ones(6))
 TIMING = Record(row_of=EXPOSED, mean=np.ones(2), cov=np.eye(2), twist=np.ones(6))
 TEMPLATES = Record(
@@ -76,10 +80,9 @@ PRIOR = Record(
     world_modes=np.ones((23, 9)),
     rig=Record(mean=np.zeros(8), information=np.eye(8), weighted=np.ones(8), held=np.ones(8)),
 )
-PART = Record(
-    root=COV[:, :3, :3], reach=SHARED[:, :3], covariant=SHARED[:, :3], with_both=np.zeros((N, 3, 12)),
-    both=np.eye(12),
-)  # fmt: skip
+PRIOR_OF_SOME = but(PRIOR, ids=SLOTS[3:], mean=POINTS[3:, :3], cov=COV[3:, :3, :3], modes=np.zeros((N - 3, 3, 9)))
+SOLVED = core.window_step(PINHOLES, STATE, SEEN, PRIOR, np.zeros(9), True, np.zeros((0, 0)), np.zeros(0))[0]
+SYSTEM = Record(prior=PRIOR, solved=SOLVED, rig_ids=SLOTS, rig=SOLVED, cov_rig=np.eye(8))
 INTERVALS = Record(
     rotation=np.tile(np.eye(3), (2, 1, 1)), motion=np.zeros((2, 6)), by_bias=np.zeros((2, 9, 6)),
     by_clock=np.zeros((2, 9)), cov=np.tile(np.eye(9), (2, 1, 1)), biases=np.zeros((2, 6)), clock=np.zeros(2),
@@ -107,6 +110,8 @@ CALLS = {
         [(("text", "s", None, 0), ("numbers", "d", -1, 8), ("parts", (("is", "?", None, 0),), -1, 0))],
         [Record(text="σ", numbers=np.arange(3.0), parts=[Record(**{"is": True})])],
     ),
+    "innovation": (np.eye(4), np.eye(6), np.eye(4), np.eye(6), 0.1),
+    "weigh_innovation": (np.ones(6), np.eye(6), np.ones(6)),
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40, POINT_RULES),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
@@ -138,7 +143,7 @@ CALLS = {
     "seen_points": (PINHOLES, VIEWS),
     "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, Wanted(True, False, False, False), np.eye(4)),
     "motion_of_flow": (PINHOLES, TRACKS, np.ones(N), STARTS, np.ones(N, bool), np.eye(4), 0.5, 9.0, RULES),
-    "fit_turn": (but(OF_VIEWS, shared=SHARED[..., :0]), np.eye(4), np.eye(3), Record(std_rad=0.1, steps=12)),
+    "fit_turn": (but(OF_VIEWS, shared=SHARED[..., :0]), np.eye(4), np.eye(3), TURN_RULES),
     "rig_effects": (PINHOLES, np.eye(len(TERMS)), GRID, VIEWS, np.ones(N)),
     "expected_views": (PINHOLES, STATE, SEEN, SLOTS > 2, VIEWS),
     "timing_of_views": (PINHOLES, EXPOSED, STATE, SEEN, VIEWS, np.ones((2, 2, 6)), np.ones(2)),
@@ -158,6 +163,8 @@ CALLS = {
         Record(left=IMAGE, right=None, stored=STORED, area=IMAGE > 0, kind=but(TEMPLATES, scale=4)),
     ),
     "place_new_points": (RIGHT_SIDES, TIMING, VIEWS, COV, 1.0, -2.0, 9.0),
+    "weigh_turn": (USUAL, TURN, np.ones(4)),
+    "learn_turn": (USUAL, TURN, 3),
     "effects_of_turn": (PINHOLES, STARTS),
     "fit_rows": (ROWS, STARTS, np.ones(N), np.ones(N), 1e-3, 2.4, 2),
     "views_by_turn": (PINHOLES, VIEWS, np.eye(3)),
@@ -173,7 +180,7 @@ CALLS = {
     "reported_points": (AXES, POINTS[:, :3], COV[:, :3, :3], np.ones(N), np.eye(4)),
     "track_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 60.0, 0.1),
     "whitening_of_views": (VIEWS, COV),
-    "whiten_blocks": (COV[:, :3, :3], SHARED[:, :3]),
+    "_whiten_blocks": (COV[:, :3, :3], SHARED[:, :3]),
     "gates_of_views": (VIEWS, 5.0, 9.0),
     "log_evidence": (np.ones(N), np.ones(N), np.ones(3)),
     "polynomial_rows": (EXPOSED, VIEWS),
@@ -185,19 +192,17 @@ CALLS = {
     "quaternions": (COV[:, :3, :3],),
     "orthonormalise": (MOTIONS,),
     "inverse_root": (np.eye(6), True),
-    "_large_product": (SHARED[:, :, 0], SHARED[0], True),
+    "_large_product": (SHARED[:, :, 0], SHARED[0]),
     "_large_gram": (SHARED[:, :, 0],),
     "solved_by_size": (np.eye(3), np.ones((3, 2)), np.ones((4, 3))),
-    "reflections": (POINTS[:, :3],),
-    "minor_directions": (np.eye(6), 0.5),
-    "point_marginals": (
-        *(MOTIONS, POINTS[:, :3], PART, PART),
-        *(np.eye(4), np.eye(4), 3.0),
-    ),
+    "_reflections": (POINTS[:, :3],),
+    "_minor_directions": (np.eye(6), 0.5),
+    "newest_pose_covariance": (STATE, SYSTEM),
+    "window_marginals": (STATE, SYSTEM, np.eye(4), np.eye(6), 3.0),
     "points_of_views": (STATE, SEEN),
     "views_within_gates": (PINHOLES, STATE, SEEN, np.ones(N), 5.0, 9.0),
     "squares_of_tracks": (PINHOLES, STATE, SEEN),
-    "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
+    "points_seen_again": (SLOTS, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
     "_drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "determined_points": (SLOTS, SLOTS[3:], SLOTS, SLOTS > 0, SLOTS > 2, 4),
     "widened_points": (POINTS[:, :3], COV[:, :3, :3], np.eye(4), np.eye(6)),
@@ -206,21 +211,14 @@ CALLS = {
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
     "window_step": (PINHOLES, STATE, SEEN, PRIOR, np.zeros(9), True, np.eye(29), np.ones(29)),
-    "window_with_rig_moved": (
-        STATE, np.zeros(9),
-        core.window_step(PINHOLES, STATE, SEEN, PRIOR, np.zeros(9), True, np.zeros((0, 0)), np.zeros(0))[0], np.ones(8),
-    ),
+    "window_with_rig_moved": (STATE, np.zeros(9), SOLVED, np.ones(8)),
     "points_alone": (COV[:, :3, :3], np.zeros((N, 3, 7)), POINTS[:, :3], SHARED[:, :3], POINTS[:, :3], np.ones(2)),
     "disparity_effects": (PINHOLES, POINTS, np.eye(4), VIEWS),
-    "leaving_views": (
-        *(PINHOLES, *ONE, SLOTS > 2),
-        *(np.ones((N, 3)), SLOTS > 1, SLOTS[3:], COV[3:, :3, :3]),
+    "absorb_frame": (
+        *(PINHOLES, *ONE, SLOTS > 2, np.ones((N, 3)), SLOTS > 1, PRIOR_OF_SOME),
+        *(np.zeros(9), np.ones((6, 16)), np.eye(16), np.ones(16), 0.5),
     ),
-    "absorbing_system": (core.normal_blocks(PINHOLES, *ONE, True), PRIOR, MOTIONS, POINTS[:, :3], np.zeros(9)),
-    "absorbed_points": (
-        *(SLOTS, COV[:, :3, :3], FIELD[:, None] * np.ones((N, 3, 3)), POINTS[:, :3], POINTS[:, :3], SLOTS > 2),
-        *(SLOTS[:2], POINTS[:2, :3], COV[:2, :3, :3], np.ones((2, 3, 2))),
-    ),
+    "_truncate_modes": (COV[:, :3, :3], RNG.normal(size=(N, 3, 9)), RNG.normal(size=(2, 9)), 3, 0.5),
 }  # fmt: skip
 VALUES = (np.nan, np.inf, -np.inf, 1e300, -1e300)
 

@@ -5,14 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config, WindowConfig
+from stream_sfm.config import Config
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.window.inverse_depth import WhitenedViews
-from stream_sfm.estimators.window.outliers import Rejections
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import Observations, Status
-from tests.helpers.estimators import window_views
 
 
 def spoiled(observations: Observations, share: float, rng: np.random.Generator, anywhere: bool = False) -> Observations:
@@ -66,25 +63,3 @@ def test_good_views_are_kept_beside_wrong_ones(share: float, lost: float) -> Non
                 errors.append(np.einsum("ni,nij,nj->n", e, np.linalg.inv(solution.cov_points[rows]), e).mean())
     assert unused / good < lost
     assert np.mean(errors) < 3.5  # 3 is expected for consistent points
-
-
-def right_columns(n: int, std_px: float) -> WhitenedViews:
-    """Views (n) with this σ, and a rig whose only error shifts the right sides by 1 px along their rows."""
-    terms = np.zeros((n, 4, 1))
-    terms[:, 2] = 1.0
-    root = np.tile(np.eye(4) / std_px, (n, 1, 1))
-    return window_views(np.zeros(n, np.intp), np.arange(n), np.zeros((n, 4)), root, terms)
-
-
-def test_tracks_rejected_with_another_rig_are_tried_again() -> None:
-    """They are once the estimate of the rig moves views by their error, in one frame or in many."""
-    views, bad = right_columns(20, std_px=0.1), np.arange(5)
-    rejections = Rejections(WindowConfig(), np.zeros(1))
-    for step in range(1, 10):
-        rejections = rejections.with_more(bad).asked_again(views, np.array([0.02 * step]))
-    assert rejections.excluded(views.ids).sum() == len(bad)  # 0.18 px do not count as another rig
-    rejections = rejections.asked_again(views, np.array([0.21]))
-    assert not rejections.excluded(views.ids).any()
-    for _ in range(6):  # tracks that still contradict the motion are excluded again
-        rejections = rejections.with_more(bad[:2]).asked_again(views, np.array([0.25]))
-    assert rejections.excluded(views.ids).nonzero()[0].tolist() == [0, 1]

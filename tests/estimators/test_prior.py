@@ -1,20 +1,21 @@
 """The factored prior, the window's system and its marginals against the same Gaussians written out densely."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.core import NormalBlocks
-from stream_sfm.estimators.window.inverse_depth import State, linearise
-from stream_sfm.estimators.window.normal_equations import CovariancePart, System
+from stream_sfm.core import NormalBlocks, _core
+from stream_sfm.estimators.window import prior as prior_module
+from stream_sfm.estimators.window.inverse_depth import State, WhitenedViews, linearise, points_alone
+from stream_sfm.estimators.window.normal_equations import System
 from stream_sfm.estimators.window.prior import Prior
 from stream_sfm.estimators.window.reported.marginals import Marginals
 from stream_sfm.estimators.window.rig_state import RigState
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.record import changed
 from tests.helpers.estimators import in_reference, point_blocks, q_from_homogeneous, window_views, without_own
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
@@ -68,26 +69,24 @@ def _estimated(prior: Prior) -> np.ndarray:
     return np.asarray(modes @ np.linalg.solve(prior.rig.information, prior.rig.weighted))
 
 
-def blocks_of(rng) -> SimpleNamespace:
-    """The normal equations of a view of each point but one, with random Jacobians."""
-    by_point, by_rig, r = 500 * rng.normal(size=(N, 4, 3)), rng.normal(size=(N, 4, M)), rng.normal(size=(N, 4))
-    by_own = rng.normal(size=(N, 4, 6 + E))
-    by_own[..., :6] = 0  # the pose is the reference
-    by_point[2] = by_rig[2] = by_own[2] = 0  # not seen
-    return SimpleNamespace(
-        u=(np.einsum("nij,nik->jk", by_own, by_own) + np.diag(np.arange(6 + E) > 5))[None],
-        v=np.swapaxes(by_point, 1, 2) @ by_point,
-        w=np.swapaxes(by_point, 1, 2) @ by_own,
-        g_pose=np.einsum("nij,ni->j", by_own, r)[None],
-        g_point=np.einsum("nij,ni->nj", by_point, r),
-        rig=np.einsum("nij,nik->jk", by_rig, by_rig),
-        rig_pose=np.einsum("nij,nik->jk", by_own, by_rig)[None],
-        rig_point=np.swapaxes(by_point, 1, 2) @ by_rig,
-        g_rig=np.einsum("nij,ni->j", by_rig, r),
+def one_frame(rng, q: np.ndarray, x: np.ndarray, rig_error: np.ndarray) -> tuple[State, WhitenedViews]:
+    """Views of each point but one, and of new ones, by the camera x, which is the reference."""
+    anchors = np.concatenate([se3.orthonormalise(x @ ANCHORS), np.broadcast_to(np.eye(4), (NEW, 4, 4))])
+    q = np.concatenate([q, [[0.1, 0.2, 0.3], [-0.2, 0.1, 0.25]]])
+    state = State(np.eye(4)[None], np.arange(N + NEW), anchors, q, rig_error, rng.normal(size=(1, E)))
+    z = P.project_homogeneous(in_reference(anchors, q))
+    views = window_views(
+        np.zeros(N + NEW, int),
+        np.arange(N + NEW),
+        z + rng.normal(size=z.shape),
+        np.broadcast_to(0.7 * np.eye(4), (len(z), 4, 4)),
+        rng.normal(size=(len(z), 4, M)),
+        own=rng.normal(size=(len(z), 4, E)),
     )
+    return state, changed(views, used=np.arange(N + NEW) != 2)
 
 
-def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, b: SimpleNamespace) -> tuple:
+def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, b: NormalBlocks) -> tuple:
     """Mean and covariance of [q', ω', c] after the views, by a Kalman update with a practically unknown pose."""
     anchors = se3.orthonormalise(x @ ANCHORS)
     moves = np.concatenate([-1e-6 * np.eye(6), 1e-6 * np.eye(6)])[:, None]  # of the reference camera, q's numerically
@@ -120,16 +119,21 @@ def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, 
     return away + cov @ (right - info @ away), cov
 
 
-def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> None:
+def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior, monkeypatch) -> None:
     """Information about errors of the rig is kept; all else is estimated with these errors held."""
     rng = np.random.default_rng(6)
     y, x = rng.normal(size=K), se3.exp(0.05 * rng.normal(size=6))
     q = prior.mean + prior.modes @ y  # linearised at the prior's own prediction, so that means can be compared linearly
-    blocks = blocks_of(rng)
-    mean, cov = absorbed_densely(prior, y, x, q, blocks)
-    by_own, by_rig = rng.normal(size=(NEW, 3, E)), rng.normal(size=(NEW, 3, M))
-    new = N + np.arange(NEW), np.zeros((NEW, 3)), spd(rng, NEW, 3, 1e-6), by_own, by_rig
-    after = prior.absorb_frame(y, x, se3.orthonormalise(x @ ANCHORS), q, blocks, np.ones(N, bool), new)
+    state, views = one_frame(rng, q, x, prior.rig_at(y))
+    of_prior, of_new = (
+        state._replace(ids=state.ids[k], ref_from_anchor=state.ref_from_anchor[k], q=state.q[k])
+        for k in (slice(N), slice(N, None))
+    )
+    mean, cov = absorbed_densely(prior, y, x, q, linearise(P, of_prior, views))
+    _, cov_alone, by_own, _ = points_alone(P, views, of_new, np.zeros(M))
+    monkeypatch.setattr(prior_module, "_NEGLIGIBLE_SHARE", 0.0)
+    after = prior.absorb_frame(P, state, views, np.ones(N + NEW, bool), y, x)
+    assert after.ids.tolist() == list(range(N + NEW)) and after.cov[N:] == pytest.approx(cov_alone, rel=1e-6)
     # the errors that new points share with the frame, from the posterior of its own amplitudes given the rest
     shared = after.modes[N:].reshape(3 * NEW, -1)
     cov_new = shared[:, :-M] @ shared[:, :-M].T
@@ -150,13 +154,19 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     assert np.abs(moved - mean[3 * N : -M]).max() < 1e-3 * scale[3 * N : -M].min()  # the same
 
 
+def truncated(prior: Prior) -> Prior:
+    """The prior without modes that add less than half of the points' own variance."""
+    cov, modes, world_modes = _core._truncate_modes(prior.cov, prior.modes, prior.world_modes, M, 0.5)
+    return replace(prior, cov=cov, modes=modes, world_modes=world_modes)
+
+
 def test_truncating_modes_keeps_every_marginal_and_the_world(prior) -> None:
     rng = np.random.default_rng(7)
     # two modes that are negligible beside the points' own noise, and four that repeat others
     modes = np.concatenate([1e-6 * rng.normal(size=(N, 3, 2)), prior.modes[..., :4], prior.modes], axis=2)
     world_modes = np.concatenate([np.zeros((6, 2)), prior.world_modes[:, :4], prior.world_modes], axis=1)
     full = replace(prior, modes=modes, world_modes=world_modes)
-    small = full.truncate_modes()
+    small = truncated(full)
     assert small.modes.shape[2] < modes.shape[2]
     a, b = dense(full), dense(small)
     scale = np.sqrt(np.diag(a))
@@ -180,7 +190,7 @@ def test_a_truncated_mode_adds_half_a_variance_at_most_to_all_that_follows_from_
     exact = replace(prior, modes=np.zeros_like(prior.modes), world_modes=np.eye(6, K))
     modes = np.concatenate([mode[..., None], exact.modes], axis=2)
     shared = replace(exact, modes=modes, world_modes=np.concatenate([np.zeros((6, 1)), exact.world_modes], axis=1))
-    assert shared.truncate_modes().modes.shape[2] == (6 + M + 1 if stays else 6 + M)
+    assert truncated(shared).modes.shape[2] == (6 + M + 1 if stays else 6 + M)
     added = []
     for of_mode in (0.0, 1e6):
         jacobian = rng.normal(size=(3 * N, 6))
@@ -282,12 +292,20 @@ def dense_window(prior: Prior, lin: NormalBlocks) -> tuple[np.ndarray, np.ndarra
     return h, g
 
 
-def test_marginals_are_the_joint_covariance_propagated(prior) -> None:
-    """WC and CC come from one joint covariance: against numerical propagation of the same, written out densely."""
-    state, lin, _, _, system = window_of(prior, np.random.default_rng(9))
-    marginals = Marginals.compute(system, state, prior.world_from_ref)
+@pytest.mark.parametrize("own", [True, False])
+def test_marginals_are_the_joint_covariance_propagated(prior, own) -> None:
+    """WC and CC come from one joint covariance: against numerical propagation of the same, written out densely.
+
+    The rig's errors have their covariance from views or their `own`, and more is added to the pose.
+    """
+    rng = np.random.default_rng(9)
+    state, lin, _, _, system = window_of(prior, rng)
     information, points = dense_window(prior, lin)[0], slice(6 * FRAMES, 6 * FRAMES + 3 * TOTAL)
     cov, cov_given = np.linalg.inv(information), np.zeros_like(information)
+    if own:
+        gain, cov_held = cov[:, -M:] @ np.linalg.inv(cov[-M:, -M:]), spd(rng, 1, M, 0.05)[0]
+        cov, system = cov + gain @ (cov_held - cov[-M:, -M:]) @ gain.T, system.with_cov_rig(cov_held)
+    marginals = Marginals.compute(system, state, prior.world_from_ref, np.zeros((6, 6)))
     cov_given[:-M, :-M] = np.linalg.inv(information[:-M, :-M])
     world_from_cam = prior.world_from_ref @ se3.inverse(state.cams_from_ref[-1])
     assert np.allclose(marginals.world_from_cam, world_from_cam, atol=1e-12)
@@ -314,12 +332,17 @@ def test_marginals_are_the_joint_covariance_propagated(prior) -> None:
         (marginals.cov_q_in_cam, blocks_given[2 * TOTAL :]),
     ):
         assert np.abs(mine - theirs).max() < 1e-6 * np.abs(theirs).max()
+    assert core.newest_pose_covariance(state, system) == pytest.approx(marginals.cov_pose, rel=1e-12)
+    more = spd(rng, 1, 6, 1e-4)[0]
+    wide = Marginals.compute(system, state, prior.world_from_ref, more)
+    by_pose = world_from_cam[:3, :3] @ se3.point_in_source_jacobian(marginals.points_in_cam)
+    expected_cov = marginals.cov_points_in_world + by_pose @ more @ np.swapaxes(by_pose, 1, 2)
+    assert wide.cov_points_in_world == pytest.approx(expected_cov, rel=1e-9, abs=1e-12)
+    assert wide.cov_pose == pytest.approx(marginals.cov_pose + more, rel=1e-12)
 
 
-@pytest.mark.parametrize("own", [True, False])
-def test_system_is_the_dense_solution(prior, own) -> None:
-    """Errors c are held at their estimate or elsewhere, with their covariance from views or their `own`, eq. (72): Σ =
-    Σ_x|c + K Σ_held Kᵀ."""
+def test_system_is_the_dense_solution(prior) -> None:
+    """Errors of the rig are held elsewhere than at their estimate, eq. (72)."""
     rng = np.random.default_rng(8)
     held = prior.rig.mean + rng.normal(size=M)
     prior = replace(prior, rig=replace(prior.rig, held=held, weighted=rng.normal(size=M)))
@@ -337,10 +360,6 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     change = rng.normal(size=M)
     followed = core.window_with_rig_moved(state, np.zeros(K), system.solved, change)
     assert np.abs((_step(prior, state, followed) - gain @ change) / np.sqrt(np.diag(cov))).max() < 1e-6
-    if own:
-        cov_held = spd(rng, 1, M, 0.05)[0]
-        system = system.with_cov_rig(cov_held)
-        cov = cov + gain @ (cov_held - cov[-M:, -M:]) @ gain.T
     scale = np.sqrt(np.diag(cov))
     by_rig = np.concatenate(
         [system.by_rig[:a], prior.world_modes @ np.concatenate([system.by_rig[system.at["modes"]], np.eye(M)])]
@@ -348,24 +367,6 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     assert by_rig == pytest.approx(gain[np.r_[:a, a + b : a + b + 6]], rel=1e-6, abs=1e-9)
     assert np.abs((_step(prior, state, moved) - delta) / scale).max() < 1e-6
     assert decrease == pytest.approx(g @ delta + without_own(lin)[2], rel=1e-9)
-    own, by_rig_errors = system.covariances(FRAMES - 1)
-    qq_given, of_both_given, both_given = _joint(system, own)
-    qq, of_both, both = map(np.add, _joint(system, own), _joint(system, by_rig_errors, 0.0))
-    x, w = slice(a - 6, a), slice(a + b, a + b + 6)
-    points = point_blocks(cov[a : a + b, a : a + b])
-    given, least = np.linalg.inv(h[:-M, :-M]), scale[a : a + b].min()  # given the rig's errors
-    for mine, theirs, rows, columns in (
-        (qq.reshape(b, 3), points.reshape(b, 3), scale[a : a + b], scale[a : a + b].min()),
-        (qq_given.reshape(b, 3), point_blocks(given[a : a + b, a : a + b]).reshape(b, 3), scale[a : a + b], least),
-        (both_given[:6, :6], given[x, x], scale[x], scale[x]),
-        (of_both[:, :6], cov[a : a + b, x], scale[a : a + b], scale[x]),
-        (of_both_given[:, :6], given[a : a + b, x], scale[a : a + b], scale[x]),
-        (of_both[:, 6:], cov[a : a + b, w], scale[a : a + b], scale[w]),
-        (both[:6, :6], cov[x, x], scale[x], scale[x]),
-        (both[6:, 6:], cov[w, w], scale[w], scale[w]),
-        (both[:6, 6:], cov[x, w], scale[x], scale[w]),
-    ):
-        assert np.abs((mine - theirs) / np.outer(rows, np.broadcast_to(columns, mine.shape[1]))).max() < 1e-5
 
 
 def _step(prior: Prior, before: State, after: core.MovedWindow) -> np.ndarray:
@@ -374,13 +375,6 @@ def _step(prior: Prior, before: State, after: core.MovedWindow) -> np.ndarray:
     by = after.amplitudes
     assert after.step == pytest.approx(np.concatenate([poses, (after.own - before.own).ravel(), by]))
     return np.concatenate([poses, (after.q - before.q).ravel(), prior.world_modes @ by, by[-M:]])
-
-
-def _joint(system: System, part: CovariancePart, alone: float = 1.0) -> tuple[np.ndarray, ...]:
-    """Covariances of points (n, 3, 3), with pose and world (3n, 12), and of both, of one part; `alone`: in units."""
-    root = system.solved.std_given
-    qq = root @ (alone * np.eye(3) + part.reach @ np.swapaxes(part.covariant, 1, 2)) @ np.swapaxes(root, 1, 2)
-    return qq, -(root @ part.with_both).reshape(-1, 12), part.both
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])

@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from stream_sfm import core
 from stream_sfm.config import RigConfig
 from stream_sfm.frontend.learnt.right_turn import TurnWatch, with_turn
 from stream_sfm.frontend.learnt.usual_turns import ApparentTurns, Turn, TurnRules, UsualTurns
 from stream_sfm.geometry import se3
+from stream_sfm.geometry.medians import MEMORY_FRAMES
+from stream_sfm.geometry.sizes import SIZES, Sizes
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.model import RigModel, disparity_error
@@ -140,3 +143,31 @@ def test_few_views_and_impossible_turns_are_no_evidence() -> None:
     few[2][25:, 2:] = np.nan
     assert watch.judge(*few, NOTHING)[1] is None
     assert watch.judge(*frame(rng, 20 * YAW, np.eye(4)), NOTHING)[1] is None
+
+
+def test_turns_are_weighed_and_learnt_as_numpy_does_it() -> None:
+    """Eq. (72f), likelihoods of each size, and a step of expectation maximisation, by other factors of the matrices."""
+    rng, rules = np.random.default_rng(7), TurnRules()
+    for frames in (3, 5, 20):
+        a, b, c, d = (1e-4 * rng.normal(size=(3, 3)) for _ in range(4))
+        usual = UsualTurns(rules, a @ a.T, b @ b.T, frames, Sizes(), rng.normal(size=2))
+        turn = Turn(2e-4 * rng.normal(size=3), c @ c.T, 30.0, ApparentTurns(d @ d.T, 1e-4 * rng.normal(size=3), 0.5))
+        sized, log_odds = usual.sized(turn)
+        own, n = turn.cov + turn.apparent.cov, 3.0 * (max(frames - rules.guess_frames, 0) + 1)
+        knocked = scipy.stats.multivariate_normal(cov=usual.measured + own + rules.std_rad**2 * np.eye(3))
+        as_usual = scipy.stats.multivariate_t(shape=usual.measured + own, df=n)
+        assert log_odds == pytest.approx(knocked.logpdf(turn.rad) - as_usual.logpdf(turn.rad), abs=1e-8)
+        likely = [scipy.stats.multivariate_normal(cov=own + s**2 * usual.real).logpdf(turn.rad) for s in SIZES]
+        assert np.allclose(sized.sizes.probabilities, usual.sizes.after(np.array(likely)).probabilities, atol=1e-10)
+        learnt, per_s, others = usual.learnt(turn), turn.apparent.per_s, turn.cov + turn.apparent.cov_others
+        at = min(frames + 1, MEMORY_FRAMES)
+        by_delay = np.linalg.solve(usual.real + others, per_s)
+        late = (1 - 1 / at) * usual.late + (by_delay @ per_s, by_delay @ turn.rad)
+        var_s2 = 1 / (1 / 0.5 + late[0])
+        rad, cov = turn.rad - var_s2 * late[1] * per_s, others + var_s2 * np.outer(per_s, per_s)
+        gain, counts = usual.real @ np.linalg.inv(usual.real + cov), rules.limit / 30.0
+        real = counts * gain @ np.outer(rad, rad) @ gain.T + usual.real - gain @ usual.real
+        assert np.allclose(learnt.late, late)
+        assert np.allclose(learnt.real, usual.real + (real - usual.real) / at, rtol=1e-6, atol=1e-14)
+        measured = usual.measured + (counts * np.outer(turn.rad, turn.rad) - usual.measured) / at
+        assert np.allclose(learnt.measured, measured, rtol=1e-9, atol=1e-16)

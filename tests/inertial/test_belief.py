@@ -13,9 +13,10 @@ from stream_sfm.estimators.window.inertia.inertia import Inertia
 from stream_sfm.estimators.window.inertia.interval import JOINT, Known
 from stream_sfm.estimators.window.inertia.rules import InertiaRules
 from stream_sfm.estimators.window.inertia.trial import beside, corrected
+from stream_sfm.geometry import se3
 from stream_sfm.inertial.state import GRAVITY, STATE
 from stream_sfm.methods import REFERENCE
-from stream_sfm.types import Ambiguity
+from stream_sfm.types import Ambiguity, ExpectedMotion
 from tests.helpers.imu_views import FRAME_NS, PROJECTION, observed
 
 RULES, STD_ACCELERATION = InertiaRules(), np.full(6, 3.0)
@@ -34,7 +35,7 @@ def test_samples_that_have_agreed_for_long_are_trusted_after_one_frame_that_cont
     inertia, trusted = Inertia(Config()), []
     for apart_rad, count in ((AGREES_RAD, 1), (CONTRADICTS_RAD, 1), (AGREES_RAD, 30), (CONTRADICTS_RAD, 26)):
         for found in frames_of(apart_rad, count):
-            inertia._distance2, inertia._belief = found.distance2, inertia._belief.after(found)
+            inertia._distance2, inertia._belief = found.weighed.distance2, inertia._belief.after(found)
             trusted.append(inertia.is_trusted)
     assert trusted[:33] == [True, False, *[True] * 31]
     assert not any(trusted[33:])
@@ -59,7 +60,7 @@ def test_a_unit_that_predicts_worse_than_an_even_motion_is_of_no_use() -> None:
         found = Innovation(
             rng.normal(size=6) * 3e-2, np.diag(np.full(6, 3e-2**2)), 0.05, rng.normal(size=6) * 1e-3, 1e-3
         )
-        assert found.distance2 < RULES.apart
+        assert found.weighed.distance2 < RULES.apart
         belief = belief.after(found)
     assert belief.is_out
 
@@ -130,3 +131,27 @@ def test_nothing_is_learnt_from_an_ambiguous_frame() -> None:
         learnt.append(estimator.inertia._densities)
     assert learnt[12] is not learnt[10]
     assert all(of is learnt[20] for of in learnt[21:])  # once those of before have left the window
+
+
+def test_innovations_are_weighed_as_numpy_weighs_them() -> None:
+    """Distance, likelihoods, and the generalised least squares of apart = late · per_second, whatever the units."""
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        a, scale = rng.normal(size=(6, 6)), np.repeat(10.0 ** rng.uniform(-4, 0, 2), 3)
+        cov = (a @ a.T + np.eye(6)) * np.outer(scale, scale)
+        apart, twist = scale * rng.normal(size=6), rng.normal(size=6)
+        expected_pose, by_images = (se3.exp(rng.normal(size=6)) for _ in range(2))
+        expected = ExpectedMotion(0, expected_pose, cov, twist)
+        found = Innovation.of(expected, se3.inverse(by_images), cov, 0.1, 0.05)
+        assert np.allclose(se3.exp(found.apart), se3.inverse(expected_pose) @ by_images)
+        assert np.allclose(se3.exp(found.motion), by_images)
+        assert np.isclose(found.turned_rad, np.linalg.norm(se3.log_so3(expected_pose[:3, :3])))
+        assert np.allclose(found.cov, 2 * cov + np.diag([0, 0, 0, 0.01, 0.01, 0.01]))
+        weighed = Innovation(apart, cov, 0.05, apart, 0.0, twist).weighed
+        assert np.isclose(weighed.distance2, apart @ np.linalg.solve(cov, apart))
+        for k, at in enumerate((slice(3, 6), slice(0, 3))):
+            of = apart[at] @ np.linalg.solve(cov[at, at], apart[at]) + np.linalg.slogdet(cov[at, at])[1]
+            assert np.isclose(weighed.log_likelihoods[k], -0.5 * of)
+        of_time = np.linalg.solve(cov, -twist)
+        assert np.isclose(weighed.var_s2, 1 / (of_time @ -twist), rtol=1e-5)
+        assert np.isclose(weighed.late_s, weighed.var_s2 * (of_time @ apart), rtol=1e-5)

@@ -10,7 +10,7 @@ import numpy as np
 from ... import core
 from ...geometry import Array, se3
 from ...inertial.state import GRAVITY
-from ...record import changed, rows_of
+from ...record import changed
 from .inertia.inertial_window import InertialWindow
 from .inertia.interval import JOINT, Known
 from .inverse_depth import WhitenedViews
@@ -30,17 +30,11 @@ def absorbed_oldest(current: WindowState) -> WindowState:
     current, views = _without_oldest(current)
     prior, points, later = current.prior, current.points, current.views if current.frames else views
     seen_later = core.times_among(points.ids, later.ids, later.used) > 0
-    known = np.searchsorted(points.ids, prior.ids)
-    in_reference, seen = current.of_reference(points, own), (views.stereo, views.var_drift)
-    rows, stays, cov, anchors, q, blocks, new_ids, alone = core.leaving_views(
-        current.projection, in_reference, views, *seen, seen_later, known, prior.cov
+    in_reference = current.of_reference(points, own)
+    prior = prior.absorb_frame(
+        current.projection, in_reference, views, seen_later, current.amplitudes, cam_from_ref, leaving
     )
-    if len(rows) < len(known):
-        prior = changed(prior, ids=prior.ids[rows], mean=prior.mean[rows], modes=rows_of(prior.modes, rows))
-    prior = changed(prior, cov=cov).absorb_frame(
-        current.amplitudes, cam_from_ref, anchors, q, blocks, stays, (new_ids, *alone), leaving
-    )
-    prior = changed(prior.truncate_modes(), rig=prior.rig.with_part(not frame.is_ambiguous))
+    prior = changed(prior, rig=prior.rig.with_part(not frame.is_ambiguous))
     kept = points.keep(seen_later if current.frames else core.among(points.ids, prior.ids))
     return changed(current.with_prior(prior), points=kept)
 

@@ -67,13 +67,12 @@ class AmbiguousMotions:
 
         Added are the difference of the two motions, in any direction, as the camera may have moved with a third set of
         views that is hidden, and the error of the second motion, eq. (36a). The differences of consecutive frames have
-        the same sign. If the camera's motion may have been confused with that of a body for some frames already, the
-        motions of these frames may be wrong by as much.
+        the same sign.
         """
         second = motion.ambiguous
         if second is None:
             return changed(self, frames=0, after=ids if self.after is None else self.after), None
-        frames = max(self.frames, second.lasted) + 1
+        frames = self.frames + 1
         first_from_second = motion.cam_from_ref @ se3.inverse(second.cam_from_ref)  # of the newest camera
         apart = np.linalg.norm(se3.log(first_from_second).reshape(2, 3), axis=1)
         apart = np.minimum(apart, std_moved[[0, 3]])
@@ -81,8 +80,7 @@ class AmbiguousMotions:
         own = se3.adjoint(first_from_second) @ scaled_cholesky(cov)
         ambiguity = np.concatenate([np.diag(np.repeat(apart, 3)), own], axis=1)
         modes = se3.adjoint(se3.inverse(cam_from_ref)) @ ambiguity
-        modes[:, :6] *= np.sqrt(frames**2 - self.frames**2)  # n frames of one sign: n²
-        modes[:, 6:] *= frames - self.frames  # the second motion is known this well in each of these frames
+        modes[:, :6] *= np.sqrt(2 * frames - 1)  # n frames of one sign: n²
         cov = self.cov + modes @ modes.T
         motions = (*self.motions, AmbiguousMotion(ids, cov))
         if len(motions) > _MOST:  # memory is bounded: the oldest one can no longer be confirmed

@@ -79,5 +79,4 @@ def gated(current: WindowState, probability: float) -> WindowState:
     views, gates = current.views, (chi2_gate(2, probability), chi2_gate(4, probability))
     slides = slides_px2(current.projection, views)
     used = core.views_within_gates(current.projection, current.state, views, slides, *gates)
-    rejections = current.rejections.with_more(views.ids[views.used & ~used])
-    return changed(current, rejections=rejections, views=changed(views, used=used))
+    return changed(current, views=changed(views, used=used))

@@ -20,10 +20,12 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import Array, se3
-from ...geometry.linear import LEAST_VARIANCE, Elimination, product, scaled_cholesky, turned
+from ...geometry.linear import LEAST_VARIANCE, scaled_cholesky
+from ...geometry.stereo import StereoProjection
 from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
-from ...record import changed, filled, record
+from ...record import changed, record
 from .inertia.interval import JOINT, OF_LEAVING, Leaving
+from .inverse_depth import State, WhitenedViews
 from .layout import Layout, layout
 from .rig_state import RigState
 
@@ -31,10 +33,6 @@ from .rig_state import RigState
 # of the variance by the points' own noise. With 0.5, poses move by 0.02 to 0.05 of their σ against a prior that keeps
 # every mode, with 0.02 by 0.001, at 2 to 4 times as many modes; from 1 on they move by 0.2 σ on euroc_mh01.
 _NEGLIGIBLE_SHARE = 0.5
-
-# Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by the `own` amplitudes of their
-# frame (n, 3, e) and by the rig's errors (n, 3, m).
-NewPoints = tuple[NDArray[np.int64], Array, Array, Array, Array]
 
 
 @record
@@ -142,49 +140,44 @@ class Prior:
 
     def absorb_frame(
         self,
+        projection: StereoProjection,
+        state: State,
+        views: WhitenedViews,
+        seen_later: NDArray[np.bool_],
         amplitudes: Array,
         cam_from_ref: Array,
-        anchors: Array,
-        q: Array,
-        blocks: core.NormalBlocks,
-        stays: NDArray[np.bool_],
-        new: NewPoints,
         leaving: Leaving | None = None,
     ) -> "Prior":
-        """Return the posterior given the views of one camera, with that camera as the new reference, eqs. (31)–(35).
+        """Return the posterior given the views of one camera, with that camera as the new reference, eqs. (31)–(36).
 
-        `amplitudes` y (k,), `cam_from_ref` X (4, 4) and `q` (N, 3): the current estimate, the linearisation point;
-        `anchors` (N, 4, 4): poses in the new reference; `blocks`: of the views of these points. Those that do not
-        `stay` (N,) are marginalised, and `new` ones are added, which share only the rig's modes with the others.
+        `state` and `views`: of that camera, the new reference; `seen_later` (P,): points that later frames see, which
+        stay. `amplitudes` y (k,) and `cam_from_ref` X (4, 4): the current estimate, the linearisation point.
 
         The anchors move with the points, C' = X C, so q does not change. The prior contains no information about the
         error ξ of the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without
         prior information. The errors that the frame's views share add e modes of σ = 1, which come first. With Λ =
         D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have information S = P + Σ
         FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less the effect of the rig's modes on the views. `leaving`: information about
-        slide, velocity and walk of biases of the frame, twelve more modes.
+        slide, velocity and walk of biases of the frame, twelve more modes. New points share only the frame's own and
+        the rig's modes with the others. Six modes represent the world exactly, 17 more the inertial state, and those of
+        the rig stay. What another mode adds to the points, in units of their own noise and summed over the points,
+        bounds what it adds to anything that follows from them, eq. (36a); a negligible one is moved to that noise.
         """
-        (ids_new, mean_new, cov_new, by_own, by_rig), e = new, new[3].shape[2]
-        at = self._with_frame(e, leaving is not None)
-        world, state, world_modes = self._seen_from(cam_from_ref, amplitudes, leaving, at)
-        s, right, std, half, given = core.absorbing_system(blocks, self, anchors, q, amplitudes)
-        s, right = self._with_leaving(leaving, s, right, at)
-        others, own = Elimination(s, at["rig"].start), at["rig"].start
-        step, weighted = others.reduced(right)
-        # the other variables by the new modes and by the rig's errors, which only the window moves, and their step
-        by_new = np.column_stack([others.root, others.by_others, step])
-        world_modes = _carried(world_modes, by_new, own)
-        half = _carried(half, by_new, half.shape[2] - len(self.rig))
-        modes_new = product(by_own, by_new[:e])
-        modes_new[..., own:-1] += by_rig
-        new_points = ids_new, mean_new + modes_new[..., -1], cov_new, modes_new[..., :-1]
-        return filled(
-            Prior,
-            core.absorbed_points(self.ids, std, half, given, q, stays, *new_points),
-            world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[JOINT["pose"], -1])),
-            world_modes=world_modes[:, :-1],
-            rig=changed(self.rig, mean=self.rig_at(amplitudes), information=others.left, weighted=weighted),
-            state=state + world_modes[JOINT["state"], -1],
+        at = self._with_frame(views.own.shape[2], leaving is not None)
+        world, inertial_state, world_modes = self._seen_from(cam_from_ref, amplitudes, leaving, at)
+        found = core.absorb_frame(
+            *(projection, state, views, views.stereo, views.var_drift, seen_later, self, amplitudes, world_modes),
+            *self._about(leaving, at),
+            _NEGLIGIBLE_SHARE,
+        )
+        rig = changed(self.rig, mean=self.rig_at(amplitudes), information=found.information, weighted=found.weighted)
+        moved = found.world_step[JOINT["pose"]]
+        return Prior(
+            *(found.ids, found.mean, found.cov, found.modes),
+            world_from_ref=se3.orthonormalise(world @ se3.exp(moved)),
+            world_modes=found.world_modes,
+            rig=rig,
+            state=inertial_state + found.world_step[JOINT["state"]],
         )
 
     def _with_frame(self, e: int, has_inertia: bool) -> Layout:
@@ -211,31 +204,25 @@ class Prior:
             modes = np.concatenate([modes, rows])
         return self.world(amplitudes) @ se3.inverse(cam_from_ref), state, modes
 
-    def _with_leaving(self, leaving: Leaving | None, s: Array, right: Array, at: Layout) -> tuple[Array, Array]:
-        """Add the inertial information about a leaving frame to that about the modes, with the modes it adds.
-
-        Only the lower triangle is complete.
-        """
+    def _about(self, leaving: Leaving | None, at: Layout) -> tuple[Array, Array]:
+        """Return the inertial information (s, s) about a leaving frame by modes in the layout `at`, and its sums."""
         if leaving is None:
-            return s, right
-        wide = np.zeros((at.size, at.size))
-        first, rig, last = slice(0, at["slide"].start), at["rig"], slice(at["slide"].start, None)
-        wide[first, first], wide[rig, first], wide[rig, rig] = s[first, first], s[last, first], s[last, last]
-        right = np.concatenate([right[first], np.zeros(at.size - len(s)), right[last]])
+            return np.zeros((0, 0)), np.zeros(0)
+        about, weighted = np.zeros((at.size, at.size)), np.zeros(at.size)
         state, of, rows = self.world_modes[JOINT["state"]], self.of_modes, OF_LEAVING
         moving = np.flatnonzero(state.any(axis=0))  # most modes do not affect the state
-        beside = np.where(moving < of["rig"].start, at["before"].start, rig.start - of["rig"].start)
+        beside = np.where(moving < of["rig"].start, at["before"].start, at["rig"].start - of["rig"].start)
         touched = np.arange(at.size)
         here = touched[at.span("translation", "rotation")], touched[at.span("slide", "velocity")]
         touched = np.concatenate([*here, moving + beside])
         j = np.zeros((rows.size, len(touched)))
         j[rows["pose"], :6] = j[rows.span("slide", "velocity"), 6:12] = np.eye(6)
         j[rows["state"], 12:] = state[:, moving]
-        wide[np.ix_(touched, touched)] += j.T @ leaving.h @ j
-        right[touched] += j.T @ leaving.g
+        about[np.ix_(touched, touched)] += j.T @ leaving.h @ j
+        weighted[touched] += j.T @ leaving.g
         walk = range(at["walk"].start, at["walk"].stop)
-        wide[walk, walk] += 1.0
-        return wide, right
+        about[walk, walk] += 1.0
+        return about, weighted
 
     def _state_in(self, x: Array, leaving: Leaving, now: Array, at: Layout) -> tuple[Array, Array]:
         """Return the inertial state (17,) in the leaving camera x (4, 4), and its modes in the layout `at`."""
@@ -272,37 +259,3 @@ class Prior:
             return np.concatenate([of_rig @ apart, modes[..., :own], of_rig @ kept], axis=-1)
 
         return changed(self, modes=moved(self.modes), world_modes=moved(self.world_modes), rig=rig)
-
-    def truncate_modes(self) -> "Prior":
-        """Return the same prior without negligible modes, eq. (36).
-
-        Six modes represent the world exactly, 17 more the inertial state, and those of the rig stay. What a mode adds
-        to the points, in units of their own noise and summed over the points, bounds what it adds to anything that
-        follows from them, eq. (36a). A negligible one is moved to the points' own noise.
-        """
-        own, rig = self.of_modes["own"], self.of_modes["rig"]
-        to_world = core.reflections(self.world_modes[:, own].T)
-        world_modes, modes = turned(self.world_modes[:, own], to_world), turned(self.modes[..., own], to_world)
-        fixed = len(world_modes)
-        whitened = core.whiten_blocks(self.cov, modes).reshape(-1, own.stop)[:, fixed:]
-        minor = core.minor_directions(whitened.T @ whitened, _NEGLIGIBLE_SHARE)
-        shared = turned(modes[..., fixed:], core.reflections(minor))
-        folded, kept = np.split(shared, [minor.shape[1]], axis=2)
-        none = np.zeros((fixed, kept.shape[2]))
-        return changed(
-            self,
-            cov=self.cov + folded @ np.swapaxes(folded, 1, 2),
-            modes=np.concatenate([modes[..., :fixed], kept, self.modes[..., rig]], axis=2),
-            world_modes=np.concatenate([world_modes[:, :fixed], none, self.world_modes[:, rig]], axis=1),
-        )
-
-
-def _carried(modes: Array, by_new: Array, n: int) -> Array:
-    """Return modes whose first n are of eliminated variables, as modes of the others, and their step in a last column.
-
-    `by_new` (…, k + 1): the eliminated variables by the others, of which the last ones are the rest of these modes.
-    """
-    moved, rest = product(modes[..., :n], by_new[:n]), modes[..., n:]
-    end = moved.shape[-1] - 1
-    moved[..., end - rest.shape[-1] : end] += rest
-    return moved

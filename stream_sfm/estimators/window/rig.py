@@ -31,7 +31,6 @@ def judged_rig(current: WindowState) -> tuple[WindowState, RigEstimate | None]:
     current = changed(
         current,
         prior=changed(current.prior, rig=rig),
-        rejections=current.rejections.asked_again(current.views[current.newest], rig.held),
         solved=system.with_cov_rig(found.cov),
     )
     return current, estimate

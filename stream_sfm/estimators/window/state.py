@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...config import WindowConfig
-from ...geometry import Array, se3
-from ...geometry.linear import symmetric
+from ...geometry import Array
 from ...geometry.stereo import StereoProjection
 from ...record import changed, record
 from .ambiguous_motions import AmbiguousMotions
@@ -23,7 +22,6 @@ from .inertia.interval import JOINT
 from .inverse_depth import State, WhitenedViews
 from .map_points import MapPoints
 from .normal_equations import System
-from .outliers import Rejections
 from .prior import Prior
 from .reported.marginals import Marginals
 from .rig_state import RigState
@@ -43,8 +41,8 @@ class WindowState:
     Of views: `views`, of these frames in their order, used or not; `first_views`: those of the reference while nothing
     else is in the prior; `places`: ids and expected places (n, 4) of the newest frame's tracks.
 
-    Of points: `points`, all of the map; `rejections` of their tracks; `dropped`: ids of those that start again with
-    their next view; `restarted`: of those that the newest frame started again.
+    Of points: `points`, all of the map; `dropped`: ids of those that start again with their next view; `restarted`: of
+    those that the newest frame started again.
 
     Of earlier frames: the `prior`, and the `amplitudes` (k,) of its modes. `ambiguous_motions`: further uncertainty of
     the newest pose; `focus`: whether the focal length changes.
@@ -62,7 +60,6 @@ class WindowState:
     first_views: WhitenedViews | None
     places: tuple[NDArray[np.int64], Array]
     points: MapPoints
-    rejections: Rejections
     prior: Prior
     amplitudes: Array
     focus: FocusWatch
@@ -177,11 +174,8 @@ class WindowState:
     @property
     def cov_pose(self) -> Array:
         """The covariance (6, 6) of the newest pose in the world from the latest system."""
-        own, rig = self.system.pose_and_world(len(self.frames) - 1)
-        by_both = np.concatenate([-np.eye(6), se3.adjoint(self.newest_cam_from_ref)], axis=1)
-        own, rig = by_both @ own, by_both @ rig
-        return symmetric(own @ own.T + rig @ self.system.cov_rig @ rig.T) + self.cov_ambiguous
+        return core.newest_pose_covariance(self.state, self.system) + self.cov_ambiguous
 
     def newest_marginals(self) -> Marginals:
         """Return the marginals of the newest frame from the latest system."""
-        return Marginals.compute(self.system, self.state, self.world_from_ref).widened(self.cov_ambiguous)
+        return Marginals.compute(self.system, self.state, self.world_from_ref, self.cov_ambiguous)

@@ -107,8 +107,8 @@ class TurnWatch:
         turn = Turn(rad, cov, chi2, apparent)
         possible = self.projection.f_px * math.hypot(*rad) < rules.max_turn_px
         possible = possible and bool(np.count_nonzero(agree) > rules.agree * n_seen)
-        stands_out = possible and self.usual.log_odds(turn) > -math.log(rules.knocks)
-        usual = self.usual.sized(turn)
+        usual, log_odds = self.usual.sized(turn)
+        stands_out = possible and log_odds > -math.log(rules.knocks)
         if stands_out and len(self.unusual) < rules.patience_frames:
             return changed(self, usual=usual, unusual=(*self.unusual, turn)), agree
         for each in (*self.unusual, turn):  # this rig turns to and fro

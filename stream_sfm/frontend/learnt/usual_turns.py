@@ -1,14 +1,13 @@
 """The usual turns of the right camera in a run: real rigs vibrate, or are not quite synchronous."""
 
-import math
 from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 
+from ... import core
 from ...config.section import Section, expert
 from ...geometry import Array
-from ...geometry.linear import symmetric
 from ...geometry.medians import MEMORY_FRAMES
 from ...geometry.sizes import SIZES, Sizes
 from ...record import changed, record
@@ -72,11 +71,6 @@ class Turn:
     chi2: float
     apparent: ApparentTurns
 
-    def distances2(self, covs: Array) -> tuple[Array, Array]:
-        """Return the squared distances (n,) of the turn by covariances (n, 3, 3), and the log determinants of these."""
-        solved = np.linalg.solve(covs, self.rad[:, None])[..., 0]
-        return solved @ self.rad, np.linalg.slogdet(covs)[1]
-
 
 @record
 class UsualTurns:
@@ -105,25 +99,14 @@ class UsualTurns:
         """A root (3, 3) of the covariance of turns of the present size."""
         return self.sizes.probable * np.asarray(np.linalg.cholesky(self.real), np.float64)
 
-    def log_odds(self, turn: Turn) -> float:
-        """Return the log of how much likelier a turn is with a knock than without, eq. (72f).
+    def sized(self, turn: Turn) -> tuple["UsualTurns", float]:
+        """Return the statistics with the size of the turn of the latest frame, and the log odds of a knock, eq. (72f).
 
-        `measured` follows from three numbers in each frame. So usual turns have a t-distribution: in the
-        first frames nobody knows how much this rig shakes.
+        The latter say how much likelier the turn is with a knock than without. `measured` follows from three numbers
+        in each frame. So usual turns have a t-distribution: in the first frames nobody knows how much this rig shakes.
         """
-        n = 3.0 * (max(self.frames - self.rules.guess_frames, 0) + 1)
-        usual = self.measured + turn.cov + turn.apparent.cov
-        knocked = usual + self.rules.std_rad**2 * np.eye(3)
-        (d2, d2_knocked), (log_det, log_det_knocked) = turn.distances2(np.stack([usual, knocked]))
-        log_usual = math.lgamma((n + 3) / 2) - math.lgamma(n / 2) - 1.5 * math.log(n / 2)
-        log_usual -= (n + 3) / 2 * math.log1p(d2 / n) + log_det / 2
-        return float(-d2_knocked / 2 - log_det_knocked / 2 - log_usual)
-
-    def sized(self, turn: Turn) -> "UsualTurns":
-        """Return the statistics with the size of the turn of the latest frame."""
-        covs = turn.cov + turn.apparent.cov + SIZES[:, None, None] ** 2 * self.real
-        d2, log_det = turn.distances2(covs)
-        return changed(self, sizes=self.sizes.after(-0.5 * (d2 + log_det)))
+        log_odds, log_likelihoods = core.weigh_turn(self, turn, SIZES)
+        return changed(self, sizes=self.sizes.after(log_likelihoods)), log_odds
 
     def learnt(self, turn: Turn) -> "UsualTurns":
         """Return the statistics after a turn that counts as usual.
@@ -131,20 +114,6 @@ class UsualTurns:
         A delay is one unknown of the run and no noise of each frame: what the turns of all frames say about it counts.
         The covariance of real turns follows by expectation maximisation (Dempster, Laird and Rubin 1977).
         """
-        apparent = turn.apparent
-        per_s, var_s2, others = apparent.per_s, apparent.var_delay_s2, turn.cov + apparent.cov_others
         frames = min(self.frames + 1, MEMORY_FRAMES)
-        by_delay = np.linalg.solve(self.real + others, per_s)
-        late = (1 - 1 / frames) * self.late + (by_delay @ per_s, by_delay @ turn.rad)
-        var_s2 = 1 / (1 / var_s2 + late[0]) if var_s2 > 0 else 0.0
-        rad, cov = turn.rad - var_s2 * late[1] * per_s, others + var_s2 * np.outer(per_s, per_s)
-        counts = 1.0 if turn.chi2 < self.rules.limit else self.rules.limit / turn.chi2
-        gain = np.linalg.solve(self.real + cov, self.real).T
-        expected = symmetric(counts * gain @ np.outer(rad, rad) @ gain.T + self.real - gain @ self.real)
-        return changed(
-            self,
-            measured=self.measured + (counts * np.outer(turn.rad, turn.rad) - self.measured) / frames,
-            real=self.real + (expected - self.real) / frames,
-            frames=frames,
-            late=late,
-        )
+        measured, real, late = core.learn_turn(self, turn, frames)
+        return changed(self, measured=measured, real=real, frames=frames, late=late)

@@ -92,10 +92,9 @@ def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, se
     odds = votes + order
     if state.start.is_over:
         odds += 2 * clear * _is_newcomer(step, state, seen, motion, second)
-        second, is_behind_all = _uncovered(step, seen, motion, second)
-        if second.lasted:
-            odds = order = -2 * clear * (is_behind_all and _stands(step, motion, other))
-    if not second.lasted and other.ok:
+        if _stands(step, motion, other) and is_deeper(step.setup, then, tracks.keep(motion.accepted)):
+            odds = order = -2 * clear
+    if other.ok:
         odds += _by_samples(step, motion, other)
     if odds < -clear and other.ok:
         of_first = motion.cam_from_ref, motion.cov_pose, only_first, float(np.exp(odds))
@@ -116,32 +115,11 @@ def _is_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection
     )
 
 
-def _uncovered(step: Step, seen: Seen, motion: Resection, second: SecondMotion) -> tuple[SecondMotion, bool]:
-    """Return the second motion with `lasted`, if one of the two sets has come into view behind all of the other.
-
-    Points that come into view in front of a scene are on a body. Points that come into view behind everything followed
-    so far may be the scene, and what was followed may be a body that has hidden it. (Until a start is over, its check
-    reports this.) Also returns whether it is the second set that lies behind.
-    """
-    only_second, followed = seen.before.keep(second.views), seen.before.keep(motion.accepted)
-    if is_deeper(step.setup, only_second, followed):
-        return changed(second, odds=1.0, lasted=_history(followed)), True
-    lasted = _history(only_second)
-    if lasted < step.setup.rules.of(MotionRules).full_history or not is_deeper(step.setup, followed, only_second):
-        return second, False
-    return changed(second, lasted=lasted), False
-
-
 def _stands(step: Step, motion: Resection, other: Resection) -> bool:
     """Whether the camera stands by another motion, and not by the first."""
     near = step.setup.rules.of(MotionRules).expected_near
     at_rest = SecondMotion(np.eye(4), np.zeros((6, 6)), motion.accepted, 0.0)
     return other.ok and _distance2(other, at_rest) < near < _distance2(motion, at_rest)
-
-
-def _history(tracks: Tracks) -> int:
-    """Return for how many frames enough tracks for a motion have agreed."""
-    return int(np.sort(tracks.agreed)[-MIN_VIEWS]) if len(tracks) >= MIN_VIEWS else 0
 
 
 def _by_samples(step: Step, motion: Resection, other: Resection) -> float:

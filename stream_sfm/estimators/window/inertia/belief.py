@@ -4,11 +4,13 @@ They are compared with the motion before: a unit that predicts worse than a cons
 wrong with it. Rotations and translations are judged apart, as gyroscope and accelerometer fail apart.
 """
 
-from typing import NamedTuple
+from dataclasses import field
+from functools import cached_property
 
 import numpy as np
 
-from ....geometry import Array, se3
+from .... import core
+from ....geometry import Array
 from ....geometry.linear import mahalanobis2
 from ....inertial.state import GRAVITY
 from ....record import changed, record
@@ -21,10 +23,12 @@ _PARTS = slice(3, 6), slice(0, 3)  # of a motion: rotation, by the gyroscope, an
 _LEAST_TURN_RAD = 1e-3  # with less, a ratio of rotations is noise
 
 
-class Innovation(NamedTuple):
+@record
+class Innovation:
     """A motion by images, compared with the expected one, eq. (85): their difference (6,) and its covariance (6, 6).
 
-    `seconds`: the time between the frames; `motion` (6,): by images, of the camera; `turned_rad`: as expected.
+    `seconds`: the time between the frames; `motion` (6,): by images, of the camera; `turned_rad`: as expected; `twist`
+    (6,): per second, of points in the camera.
     """
 
     apart: Array
@@ -32,36 +36,22 @@ class Innovation(NamedTuple):
     seconds: float
     motion: Array
     turned_rad: float
+    twist: Array = field(default_factory=lambda: np.zeros(6))
 
     @classmethod
     def of(
         cls, expected: ExpectedMotion, cam_from_previous: Array, cov: Array, std_slide_rad: float, seconds: float
     ) -> "Innovation":
         """Compare a motion (4, 4); `cov` (6, 6): of the inverse motion; `std_slide_rad`: of patches that slide."""
-        previous_from_cam = se3.inverse(cam_from_previous)
-        both = expected.cov + cov
-        both[range(3, 6), range(3, 6)] += std_slide_rad**2
-        apart = se3.log(se3.inverse(expected.previous_from_cam) @ previous_from_cam)
-        turned_rad = float(np.linalg.norm(se3.log_so3(expected.previous_from_cam[:3, :3])))
-        return cls(apart, both, seconds, se3.log(previous_from_cam), turned_rad)
+        apart, both, motion, turned_rad = core.innovation(
+            expected.previous_from_cam, expected.cov, cam_from_previous, cov, std_slide_rad
+        )
+        return cls(apart, both, seconds, motion, turned_rad, expected.twist)
 
-    @property
-    def distance2(self) -> float:
-        """The squared distance of the two motions; 6 is expected."""
-        return float(self.apart @ np.linalg.solve(self.cov, self.apart))
-
-    @property
-    def log_likelihoods(self) -> Array:
-        """The log-likelihoods (2,) of rotation and translation, without the constant."""
-        parts = [(self.apart[at], self.cov[at, at]) for at in _PARTS]
-        return np.array([-0.5 * (x @ np.linalg.solve(c, x) + np.linalg.slogdet(c)[1]) for x, c in parts])
-
-    def as_time(self, twist: Array) -> tuple[float, float]:
-        """Return the time, s, in which the camera moves by the difference, and its variance, s², eq. (86a)."""
-        per_second = -twist + 1e-9  # not zero
-        of_apart, of_time = np.linalg.solve(self.cov, np.stack([self.apart, per_second], axis=1)).T
-        var_s2 = 1 / float(per_second @ of_time)
-        return var_s2 * float(per_second @ of_apart), var_s2
+    @cached_property
+    def weighed(self) -> core.WeighedInnovation:
+        """The squared distance of the motions, log-likelihoods, and the time that the difference takes."""
+        return core.weigh_innovation(self.apart, self.cov, self.twist)
 
 
 @record
@@ -144,13 +134,13 @@ class Belief:
         `is_fresh`: nothing was to be expected of the samples yet, so that only a contradiction counts.
         """
         rules, by_images = self.rules, self.evenly.log_likelihoods(found.motion, found.seconds)
-        contradicts = found.distance2 > rules.apart
+        contradicts = found.weighed.distance2 > rules.apart
         if is_fresh and not contradicts:
             gained = np.zeros(2)
         elif by_images is None:  # the first motion of a map
             gained = np.full(2, -rules.most_of_frame if contradicts else 0.0)
         else:
-            gained = np.clip(found.log_likelihoods - by_images, -rules.most_of_frame, rules.most_of_frame)
+            gained = np.clip(found.weighed.log_likelihoods - by_images, -rules.most_of_frame, rules.most_of_frame)
         evenly = self.evenly.after(found.motion, found.seconds)
         turned_rad, log_ratio = float(np.linalg.norm(found.motion[3:])), self.log_ratio
         if min(turned_rad, found.turned_rad) > _LEAST_TURN_RAD:

@@ -248,8 +248,8 @@ class Inertia:
         found = self._innovation(expected, motion, frame)
         if motion.ambiguous is not None and not self._belief.is_proven:  # neither can confirm the other
             self._belief, self._is_fresh = self._belief.interrupted(), True
-            return motion, changed(frame, interval=frame.interval.open(found.distance2))
-        distance2, interval = self._learn_jitter(found, expected, frame.interval)
+            return motion, changed(frame, interval=frame.interval.open(found.weighed.distance2))
+        distance2, interval = self._learn_jitter(found, frame.interval)
         self._unproven = self._unproven and distance2 > rules.apart
         if motion.ambiguous is None:
             self._belief = self._belief.after(found, self._is_fresh)
@@ -273,9 +273,9 @@ class Inertia:
         seconds = (frame.stamp_ns - expected.since_ns) / 1e9
         return Innovation.of(expected, motion.cam_from_ref, cov, frame.std_turn_rad, seconds)
 
-    def _learn_jitter(self, found: Innovation, expected: ExpectedMotion, interval: Interval) -> tuple[float, Interval]:
+    def _learn_jitter(self, found: Innovation, interval: Interval) -> tuple[float, Interval]:
         """Learn the errors of stamps, and return the squared distance of the motions, and the interval, with them."""
-        distance2, (late_s, var_s2) = found.distance2, found.as_time(expected.twist)
+        distance2, _, late_s, var_s2 = found.weighed
         self._jitter = self._jitter.after(late_s, max(var_s2 - interval.var_time, 0.0))
         more_s2 = self._jitter.var_interval - interval.var_time
         if more_s2 <= 0:
@@ -301,7 +301,7 @@ class Inertia:
         then = tried.carried(by, frame.stamp_ns)
         found = self._innovation(self._expected(tried, then), motion, frame)
         self._belief = self._belief.after(found, is_fresh)
-        if found.distance2 < self._rules.apart:
+        if found.weighed.distance2 < self._rules.apart:
             tried = corrected(then, found)
             self._trial = None if impossible(tried.state, tried.cov_state, self._rules) else tried
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from .... import core
 from ....geometry import Array, se3
-from ....geometry.linear import symmetric
 from ....geometry.stereo import KNOWN_DEPTH_SIGMAS
 from ....record import changed, columns_at, filled, record
 from ...lifecycle import WorldPoints
@@ -41,23 +40,13 @@ class Marginals:
     finite: NDArray[np.bool_]
 
     @classmethod
-    def compute(cls, system: System, state: State, world_from_ref: Array) -> "Marginals":
-        """Marginalise the factored system; the newest camera is the last one of the state, or else the reference."""
-        cams_from_ref, ids, ref_from_anchor, q, *_ = state
-        cam_from_ref = cams_from_ref[-1] if len(cams_from_ref) else np.eye(4)
-        own, by_rig = system.covariances(len(cams_from_ref) - 1)
-        by_both = np.concatenate([-np.eye(6), se3.adjoint(cam_from_ref)], axis=1)
-        of_points = core.point_marginals(
-            *(ref_from_anchor, q, own, by_rig),
-            *(world_from_ref, cam_from_ref, KNOWN_DEPTH_SIGMAS),
-        )
-        return filled(
-            cls,
-            of_points,
-            ids=ids,
-            world_from_cam=se3.orthonormalise(world_from_ref @ se3.inverse(cam_from_ref)),
-            cov_pose=symmetric(by_both @ (own.both + by_rig.both) @ by_both.T),
-        )
+    def compute(cls, system: System, state: State, world_from_ref: Array, cov_more: Array) -> "Marginals":
+        """Marginalise the factored system; the newest camera is the last one of the state, or else the reference.
+
+        `cov_more` (6, 6): added to its pose, and to the points seen from it.
+        """
+        found = core.window_marginals(state, system, world_from_ref, cov_more, KNOWN_DEPTH_SIGMAS)
+        return filled(cls, found, ids=state.ids)
 
     def widened(self, cov: Array) -> "Marginals":
         """Return the marginals with `cov` (6, 6) added to the newest pose and to the points seen from it."""
