@@ -13,7 +13,7 @@ from stream_sfm.frontend.second_motions.unsteadiness import Unsteadiness
 from stream_sfm.frontend.state import Setup
 from stream_sfm.frontend.step import Step
 from stream_sfm.geometry import se3
-from stream_sfm.geometry.resection import Resection
+from stream_sfm.geometry.resection import Resection, SecondMotion
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.tracks import tracks_at
 
@@ -21,10 +21,10 @@ P = StereoProjection(400.0, 160.0, 160.0, 120.0, 0.1, 320, 240)
 N_OLD, N_NEW, WALL_M, STD_M = 30, 20, 3.0, 1e-3
 
 
-def hidden(new_m: float, moves_m: float) -> bool:
+def hidden(new_m: float, moves_m: float, second: SecondMotion | None = None) -> bool:
     """Whether the background is hidden if no point of a wall is found, and new tracks at `new_m` move by `moves_m`.
 
-    The camera has moved steadily, by 1 mm per frame.
+    The camera has moved steadily, by 1 mm per frame. `second`: the motion of further tracks.
     """
     tracks = tracks_at(np.repeat([WALL_M, new_m], [N_OLD, N_NEW]), np.repeat([10, 0], [N_OLD, N_NEW]))
     new = np.arange(N_OLD + N_NEW) >= N_OLD
@@ -34,7 +34,7 @@ def hidden(new_m: float, moves_m: float) -> bool:
     state: Any = SimpleNamespace(tracks=tracks, background_hidden=False, unsteadiness=unsteadiness)
     seen: Any = SimpleNamespace(before=tracks.keep(new))
     cam_from_ref, all_new = se3.exp([moves_m, 0, 0, 0, 0, 0]), np.ones(N_NEW, bool)
-    motion = Resection(cam_from_ref, np.eye(6), all_new, 0.0, 34, 1.0, True, np.zeros(N_NEW), 1.0)
+    motion = Resection(cam_from_ref, np.eye(6), all_new, 0.0, 34, 1.0, True, np.zeros(N_NEW), 1.0, second=second)
     assert not step.jumps(cam_from_ref, step.std_change) or moves_m > 0.03
     return is_scene_hidden(step, state, seen, motion)
 
@@ -50,3 +50,9 @@ def hidden(new_m: float, moves_m: float) -> bool:
 )
 def test_the_background_is_hidden(new_m: float, moves_m: float, is_hidden: bool) -> None:
     assert hidden(new_m, moves_m) == is_hidden
+
+
+def test_what_lies_behind_a_body_does_not_hide_it() -> None:
+    none = np.zeros(N_NEW, bool)
+    assert hidden(0.6, 0.1, SecondMotion(np.eye(4), np.eye(6), none, 0.01))
+    assert not hidden(0.6, 0.1, SecondMotion(np.eye(4), np.eye(6), none, 0.01, in_front=True))

@@ -128,7 +128,7 @@ def test_frames_that_each_say_little_reveal_a_slow_body_together() -> None:
     doubted = 0
     for seed in range(6):
         start, frames = StartCheck(), 0
-        while not start.led_along and frames < 5:
+        while not start.followed_body and frames < 5:
             found, of = seen(100 * seed + frames, 0.012, (40, 4, 10))
             motion = resect(found.point_views, TURNS, find_second=False)
             if frames == 0:
@@ -136,7 +136,7 @@ def test_frames_that_each_say_little_reveal_a_slow_body_together() -> None:
             motion, start = chosen_since(found, motion, start)
             frames += 1
             doubted += start.suspects
-        assert start.led_along and motion.accepted[of != 2].mean() > 0.9 and motion.accepted[of == 2].mean() < 0.5
+        assert start.followed_body and motion.accepted[of != 2].mean() > 0.9 and motion.accepted[of == 2].mean() < 0.5
         assert motion.second is not None and motion.second.in_front
         error = se3.log(motion.cam_from_ref @ se3.inverse(TURNS))
         assert error @ np.linalg.solve(motion.cov_pose, error) < 22.5  # χ² of six unknowns, in one of a thousand
@@ -150,7 +150,7 @@ def test_frames_of_a_static_scene_cast_no_doubt_on_a_start(noise: float) -> None
         found, _ = seen(seed, 0.0, (40, 4, 10), noise)
         _, start = chosen_since(found, resect(found.point_views, TURNS, find_second=False), start)
         doubted += start.suspects
-        assert not start.led_along
+        assert not start.followed_body
     assert doubted == 0 or noise > 1  # gates that are too narrow choose the views that agree
 
 

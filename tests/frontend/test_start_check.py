@@ -45,7 +45,7 @@ def test_only_the_first_frame_decides_whether_one_motion_filled_the_view() -> No
     assert not crowd.begun_with(1.0).fills_view
 
 
-def test_a_start_is_in_doubt_while_points_may_be_led_along() -> None:
+def test_a_start_is_in_doubt_while_points_may_be_followed_body() -> None:
     """New points that agree do not end that, as far ones agree with either motion."""
     body, ids = Evidence(21.0, 30.0), np.arange(40)
     start = changed(StartCheck(), body=body.after(10.0)).after(ids, ids >= 0)
@@ -62,7 +62,7 @@ def test_a_start_that_has_followed_a_body_is_confirmed_by_points_that_begin_late
     followed = changed(
         StartCheck(), body=Evidence(21.0, 30.0).after(22.0), confirmation=Confirmation.sought(MotionRules(), 40)
     )
-    assert followed.led_along and not followed.suspects
+    assert followed.followed_body and not followed.suspects
     old = followed.after(ids, ids >= 0)
     assert old.problem and not old.is_over
     assert old.after(ids + 40, ids >= 0).after(ids + 80, ids >= 0).is_over

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config.section import Section, expert
+from ...geometry.medians import median
+from ...geometry.resection import MANY_VIEWS, MIN_VIEWS
 from ...geometry.robust_rules import RobustRules
 from ..state import Setup
 from ..tracks import Tracks
@@ -36,6 +38,14 @@ def is_behind(setup: Setup, some: Tracks, others: Tracks, fewest: int | None = N
     before, behind = ((order == k).sum() for k in (-1, 1))
     fewest = setup.rules.of(RobustRules).second_views if fewest is None else fewest
     return bool(before >= fewest and before > rules.behind * (before + behind))
+
+
+def is_deeper(setup: Setup, some: Tracks, others: Tracks) -> bool:
+    """Whether some points lie behind their neighbours among the others, and hardly any of the others is as far away."""
+    if len(some) < MIN_VIEWS:
+        return False
+    as_far = np.count_nonzero(others.points[:, 3] < setup.rules.of(StartRules).deeper * median(some.points[:, 3]))
+    return bool(as_far < MANY_VIEWS) and is_behind(setup, some, others)
 
 
 def depth_order(some: Tracks, others: Tracks, rules: StartRules) -> NDArray[np.int64]:

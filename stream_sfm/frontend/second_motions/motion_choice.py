@@ -30,19 +30,29 @@ from ..state import FrontEndState
 from ..step import Step
 from ..tracks import Tracks
 from .confirmation import Confirmation
-from .depth_order import StartRules, depth_order, is_behind
+from .depth_order import StartRules, depth_order, is_behind, is_deeper
 from .start_check import StartCheck
 
 
 def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> tuple[Resection, StartCheck]:
     """Return the motion that is probably the scene's, with the other one as its second one, and the start's check."""
     motion, start = _expected(step, state, seen, _as_one(step, seen, found)), state.start
-    if motion.ok and not start.is_over and not start.led_along:
+    if motion.ok and not start.is_over and not start.followed_body:
         motion, start = _without_body(step, start, seen, motion)
     second = motion.second
     if not motion.ok or second is None or second.in_front:
         return motion, start
-    return _decided(step, state, seen, motion, second), start
+    motion = _decided(step, state, seen, motion, second)
+    return motion, _of_body(step, start, seen) if _was_followed(seen, motion) else start
+
+
+def _was_followed(seen: Seen, motion: Resection) -> bool:
+    """Whether the second motion is that of a body in front, and most tracks that agreed before have it."""
+    old, second = seen.before.agreed > 0, motion.second
+    if second is None or not second.in_front:
+        return False
+    of_body = np.count_nonzero(second.views & old)
+    return bool(of_body >= MANY_VIEWS and of_body > np.count_nonzero(motion.accepted & old))
 
 
 def _as_one(step: Step, seen: Seen, motion: Resection) -> Resection:
@@ -82,6 +92,8 @@ def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, se
     odds = votes + order
     if state.start.is_over:
         odds += 2 * clear * _is_newcomer(step, state, seen, motion, second)
+        if _stands(step, motion, other) and is_deeper(step.setup, then, tracks.keep(motion.accepted)):
+            odds = order = -2 * clear
     if other.ok:
         odds += _by_samples(step, motion, other)
     if odds < -clear and other.ok:
@@ -101,6 +113,13 @@ def _is_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection
     return bool(
         np.count_nonzero(second.views & old) < MIN_VIEWS and np.count_nonzero(motion.accepted & old) >= MANY_VIEWS
     )
+
+
+def _stands(step: Step, motion: Resection, other: Resection) -> bool:
+    """Whether the camera stands by another motion, and not by the first."""
+    near = step.setup.rules.of(MotionRules).expected_near
+    at_rest = SecondMotion(np.eye(4), np.zeros((6, 6)), motion.accepted, 0.0)
+    return other.ok and _distance2(other, at_rest) < near < _distance2(motion, at_rest)
 
 
 def _by_samples(step: Step, motion: Resection, other: Resection) -> float:
@@ -181,8 +200,15 @@ def _without_body(step: Step, start: StartCheck, seen: Seen, motion: Resection) 
     body = body.after(nats)
     if not body.is_there:
         return motion, changed(start, body=body)
+    return other, _of_body(step, start, seen)
+
+
+def _of_body(step: Step, start: StartCheck, seen: Seen) -> StartCheck:
+    """Return the check after it has been decided that the motion since the start was that of a body."""
+    rules = step.setup.rules
+    body = Evidence(rules.of(StartRules).body, rules.of(MotionRules).unsteady_frames, is_there=True)
     sought = Confirmation.sought(start.rules, int(seen.before.ids[-1]) + 1)
-    return other, changed(start, body=body, confirmation=sought)
+    return changed(start, body=body, confirmation=sought, later_id=0, gone=False)
 
 
 def _without(step: Step, seen: Seen, motion: Resection, apart: NDArray[np.bool_]) -> tuple[Resection, float] | None:
@@ -241,6 +267,8 @@ def is_scene_hidden(step: Step, state: FrontEndState, seen: Seen, motion: Resect
     ones, a motion jumps if it is unlike the usual motion of this camera.
     """
     old, trusted = state.tracks.agreed > 0, seen.before.agreed > 0
+    if motion.second is not None and motion.second.in_front:
+        return False  # these are on the body, and the scene is in view
     if np.count_nonzero(motion.accepted & trusted) >= min(MANY_VIEWS, 0.5 * np.count_nonzero(old)):
         return False
     new, rules = seen.before.keep(motion.accepted & ~trusted), step.setup.rules

@@ -50,8 +50,12 @@ class StartCheck:
         """The problem, or an empty string."""
         if not self.contradicted or self.is_over:
             return ""
-        if self.suspects or self.led_along:
-            return "far points agree with the motion of near ones: it may be that of an object, or have been until now"
+        if self.followed_body:
+            return (
+                "the motion since the start was that of an object in front, until points that begin now confirm another"
+            )
+        if self.suspects:
+            return "far points agree with the motion of near ones since the start: it may be that of an object in front"
         return (
             "too few of the new points agree with the motion since the start: it may be that of an object that moves "
             "through the view"
@@ -68,8 +72,8 @@ class StartCheck:
         return self.gone or (self.confirmation.is_there and not self.suspects)
 
     @property
-    def led_along(self) -> bool:
-        """Whether the motion was that of a body, which led other points along, and is no longer followed."""
+    def followed_body(self) -> bool:
+        """Whether the motion was that of a body, which is no longer followed."""
         return self.body is not None and self.body.is_there
 
     @property
@@ -91,5 +95,5 @@ class StartCheck:
         confirmation = self.confirmation.after(ids, accepted)
         later_id = self.later_id or confirmation.next_id
         gone = bool(np.count_nonzero(accepted & (ids < later_id)) < MANY_VIEWS <= np.count_nonzero(accepted))
-        contradicted = self.contradicted or confirmation.contradicted or self.suspects or self.led_along
+        contradicted = self.contradicted or confirmation.contradicted or self.suspects or self.followed_body
         return changed(self, confirmation=confirmation, contradicted=contradicted, later_id=later_id, gone=gone)
