@@ -130,6 +130,7 @@ def test_frames_that_each_say_little_reveal_a_slow_body_together() -> None:
         start, frames = StartCheck(), 0
         while not start.followed_body and frames < 5:
             found, of = seen(100 * seed + frames, 0.012, (40, 4, 10))
+            found = changed(found, before=changed(found.before, agreed=np.full(len(of), frames)))
             motion = resect(found.point_views, TURNS, find_second=False)
             if frames == 0:
                 assert motion.accepted[of == 2].mean() > 0.8  # the body is followed
@@ -141,6 +142,14 @@ def test_frames_that_each_say_little_reveal_a_slow_body_together() -> None:
         error = se3.log(motion.cam_from_ref @ se3.inverse(TURNS))
         assert error @ np.linalg.solve(motion.cov_pose, error) < 22.5  # χ² of six unknowns, in one of a thousand
     assert doubted >= 6
+
+
+def test_a_body_found_in_the_first_frame_has_not_been_followed() -> None:
+    found, far = with_own_body(0)
+    motion, start = chosen_since(found, resect(found.point_views, np.eye(4), predicted=np.eye(4)), StartCheck())
+    assert motion.accepted[far].mean() > 0.9 and not start.followed_body and not start.suspects
+    later = changed(found, before=changed(found.before, agreed=np.ones(len(far), np.int64)))
+    assert chosen_since(later, resect(found.point_views, np.eye(4), predicted=np.eye(4)), StartCheck())[1].followed_body
 
 
 @pytest.mark.parametrize("noise", [QUIET, 1.0, 2.0])

@@ -200,7 +200,8 @@ def _without_body(step: Step, start: StartCheck, seen: Seen, motion: Resection) 
     body = body.after(nats)
     if not body.is_there:
         return motion, changed(start, body=body)
-    return other, _of_body(step, start, seen)
+    was_followed = bool((seen.before.agreed > 0).any())  # not in the first frame
+    return other, _of_body(step, start, seen) if was_followed else start
 
 
 def _of_body(step: Step, start: StartCheck, seen: Seen) -> StartCheck:
