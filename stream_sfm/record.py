@@ -64,6 +64,10 @@ changed: _Changed = cast(Any, msgspec.structs.replace)
 """Return a record with other values in some fields. Raises TypeError for an unknown field."""
 
 
+settle: Callable[[Any, str, Any], None] = msgspec.structs.force_setattr
+"""Set a field of a record while it is made: in its `__post_init__`, which checks and converts what was given."""
+
+
 class Kind(Enum):
     """The kind of a field whose value depends on the frame of reference."""
 

@@ -1,11 +1,10 @@
 """The camera model: one pinhole camera with its lens, as a calibration describes it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..errors import ConfigError
 from ..geometry import Array
+from ..record import record, settle
 from .masks import Mask, checked_mask
 from .settings import SETTINGS
 
@@ -21,7 +20,7 @@ DISTORTION_MODELS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class Camera:
     """One pinhole camera before rectification.
 
@@ -46,7 +45,7 @@ class Camera:
             raise ConfigError(f"distortion model {self.distortion_model!r} is not known; known are {names}")
         values = {"width": edges[0], "height": edges[1], "K": k, "D": d, "distortion_model": model}
         for name, value in values.items():
-            object.__setattr__(self, name, value)
+            settle(self, name, value)
         least_px, most_px = SETTINGS.edge_px
         if min(edges) < least_px or max(edges) > most_px or self.width * self.height > MAX_PIXELS:
             raise ConfigError(
@@ -58,7 +57,7 @@ class Camera:
         if not np.isfinite(d).all() or (any(d) and len(d) not in DISTORTION_COEFFICIENTS[model]):
             raise ConfigError(_coefficients_problem(model, d))
         if self.mask is not None:
-            object.__setattr__(self, "mask", checked_mask(self.mask, *edges))
+            settle(self, "mask", checked_mask(self.mask, *edges))
 
     def __repr__(self) -> str:
         (fx, _, cx), (_, fy, cy) = self.K[:2]

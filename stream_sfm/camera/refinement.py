@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import ConfigError
 from ..geometry import Array
+from ..record import record, settle
 from .settings import SETTINGS
 
 # Six terms of the disparity, with x and y from the middle of the image in half widths and half heights. Then errors
@@ -25,7 +26,7 @@ DISPARITY, LENSES, DIFFERENCE = slice(0, 6), slice(6, 12), slice(12, 13)
 PARTS = (DISPARITY, LENSES, DIFFERENCE)  # one motion may show one of them, and not the others
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class Refinement:
     """Errors `error_px` (m,) of a calibration, by the m `LENS_TERMS`, with covariance `cov_px2` (m, m).
 
@@ -44,8 +45,8 @@ class Refinement:
             np.linalg.cholesky(cov)
         except np.linalg.LinAlgError:
             raise ConfigError("the covariance of a refinement is not positive definite") from None
-        object.__setattr__(self, "error_px", error)
-        object.__setattr__(self, "cov_px2", cov)
+        settle(self, "error_px", error)
+        settle(self, "cov_px2", cov)
 
     @property
     def std_px(self) -> Array:

@@ -1,6 +1,6 @@
 """Rigs: the two cameras, or one, from which images come."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar, TypeVar
 
@@ -10,6 +10,7 @@ from ..config import Config
 from ..errors import ConfigError, as_error
 from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
+from ..record import record, settle
 from ..system.wording import described
 from .calibration import toml_file
 from .calibration.document import Pair, Where, load, named, short
@@ -22,7 +23,7 @@ MaskOrFile = Mask | str | Path
 _ADDED = {"refinement": Refinement, "timing": KnownTiming, "imu": ImuCalibration}  # optional parts of a rig
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class StereoRig:
     """Two cameras and `right_from_left` (4, 4), metres: carries points of the left camera into the right one.
 
@@ -43,7 +44,7 @@ class StereoRig:
             value = getattr(self, name)
             if not isinstance(value, kind) and (value is not None or name not in _ADDED):
                 raise ConfigError(f"{name} of the rig is {described(value)}; give {kind.__name__}(…)")
-        object.__setattr__(self, "right_from_left", checked_pose(self.right_from_left))
+        settle(self, "right_from_left", checked_pose(self.right_from_left))
         if (self.left.width, self.left.height) != (self.right.width, self.right.height):
             sizes = [f"{camera.width}×{camera.height}" for camera in self.cameras.values()]
             raise ConfigError(f"left images are {sizes[0]}, right ones {sizes[1]}: both must have one size")
@@ -100,7 +101,7 @@ class StereoRig:
         return toml_file.text(self.cameras, self.right_from_left, self.refinement, self.timing, self.imu)
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class MonoRig:
     """One camera: the scale of the scene is not observable (`Config.mono`)."""
 

@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import cache, wraps
 from typing import Annotated, Any
 
@@ -79,15 +80,15 @@ def _annotation(kind: Any) -> Any:
     if hasattr(kind, "__metadata__"):
         meaning = (_parameter(x) if isinstance(x, tables.Parameter) else x for x in kind.__metadata__)
         return Annotated[(_annotation(kind.__origin__), *meaning)]
-    return _record(kind) if hasattr(kind, "described") else kind
+    return _options(kind) if tables.is_options(kind) else kind
 
 
 @cache
-def _record(kind: Any) -> Any:
-    """Return a subclass of a record whose fields are described for Cyclopts."""
+def _options(kind: Any) -> Any:
+    """Return a dataclass of the same fields, described for Cyclopts."""
     members = {name: _annotation(each) for name, each in kind.__annotations__.items()}
     names = {"__annotations__": members, "__module__": kind.__module__, "__doc__": kind.__doc__}
-    return _parameter(kind.described)(type(kind.__name__, (kind,), names))
+    return _parameter(kind.described)(dataclass(frozen=True)(type(kind.__name__, (kind,), names)))
 
 
 @cache

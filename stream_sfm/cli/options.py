@@ -5,13 +5,12 @@ import math
 import os
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from ..errors import ConfigError
 from ..methods import METHODS
-from .tables import Group, Parameter
+from .tables import Group, Options, Parameter
 
 if TYPE_CHECKING:
     from ..config import Config
@@ -151,8 +150,7 @@ def at_least_one(values: Sequence[str], name: str, cure: str) -> None:
 
 
 @Parameter(name="*", group=CAMERAS)
-@dataclass(frozen=True)
-class Cameras:
+class Cameras(Options):
     """How the cameras of a log are found.
 
     Attributes:
@@ -175,8 +173,7 @@ class Cameras:
 
 
 @Parameter(name="*", group=FRAMES)
-@dataclass(frozen=True)
-class Frames:
+class Frames(Options):
     """Which frames of a log are read.
 
     Attributes:
@@ -199,8 +196,7 @@ class Frames:
 
 
 @Parameter(name="*", group=SETTINGS)
-@dataclass(frozen=True)
-class Settings:
+class Settings(Options):
     """All settings.
 
     Attributes:
@@ -236,8 +232,7 @@ class Settings:
 
 
 @Parameter(name="*", group=TRUTH)
-@dataclass(frozen=True)
-class TruthFile:
+class TruthFile(Options):
     """Where ground truth is, if not in the log.
 
     Attributes:
@@ -266,8 +261,7 @@ StdTruth = Annotated[
 
 
 @Parameter(name="*", group=TRUTH)
-@dataclass(frozen=True)
-class TruthErrors:
+class TruthErrors(Options):
     """Known errors of the ground truth.
 
     Attributes:

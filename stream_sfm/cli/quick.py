@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, Literal, NamedTuple, get_args, get_origin
 
-from .tables import COMMANDS, Family, Parameter, command
+from .tables import COMMANDS, Family, Parameter, command, is_options
 
 # Numbers that are certainly meant as such; Cyclopts takes more.
 _NUMBERS = {int: re.compile(r"\d{1,9}"), float: re.compile(r"\d{1,9}(\.\d{1,9})?")}
 
 
 class _Slot(NamedTuple):
-    """Where a value goes: an argument of the command, a field of it if that is a record; its type and description."""
+    """Where a value goes: an argument of the command, a field of it if that is `Options`; its type and description."""
 
     argument: inspect.Parameter
     field: str
@@ -57,8 +57,8 @@ def _call(function: Callable[..., int | None], words: Sequence[str]) -> Callable
     in_place, named = [], {}
     for argument in arguments:
         if argument.name in given:
-            values, record = given[argument.name], _parts(argument.annotation)[0]
-            value = record(**values) if hasattr(record, "described") else values[""]
+            values, kind = given[argument.name], _parts(argument.annotation)[0]
+            value = kind(**values) if is_options(kind) else values[""]
         elif (value := argument.default) is inspect.Parameter.empty:
             raise ValueError(argument.name)
         if argument.kind is inspect.Parameter.POSITIONAL_ONLY:
@@ -72,7 +72,7 @@ def _slots(argument: inspect.Parameter) -> Iterator[_Slot]:
     if argument.kind is inspect.Parameter.VAR_POSITIONAL:
         raise ValueError(argument.name)
     kind, meaning = _parts(argument.annotation)
-    if hasattr(kind, "described"):
+    if is_options(kind):
         for field, annotation in kind.__annotations__.items():
             yield _Slot(argument, field, *_parts(annotation))
     else:

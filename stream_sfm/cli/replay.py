@@ -2,7 +2,6 @@
 
 import os
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +9,7 @@ from ..errors import ExitCode
 from ..system.wording import printable
 from . import options
 from .printing import print_error, print_json, print_notes
-from .tables import Parameter
+from .tables import Options, Parameter
 
 if TYPE_CHECKING:
     from ..config import Config
@@ -20,8 +19,7 @@ if TYPE_CHECKING:
 
 
 @Parameter(name="*")
-@dataclass(frozen=True)
-class _Shown:
+class _Shown(Options):
     """What a run shows and prints.
 
     Attributes:

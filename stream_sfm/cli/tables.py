@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 T = TypeVar("T")
 
@@ -33,7 +33,7 @@ class Group(NamedTuple):
 
 
 class Parameter:
-    """The description of an argument, with the names of Cyclopts; as a decorator, that of all fields of a record.
+    """The description of an argument, with the names of Cyclopts; as a decorator, that of all fields of `Options`.
 
     Only `converter` and `validator` are simpler: functions of the word, and of the value.
     """
@@ -41,10 +41,25 @@ class Parameter:
     def __init__(self, name: str | None = None, **meaning: Any) -> None:
         self.meaning = meaning if name is None else {"name": name, **meaning}
 
-    def __call__(self, record: type[T]) -> type[T]:
-        """Describe a record; its fields are options of the command."""
-        setattr(record, "described", self)  # noqa: B010 a name that no record declares
-        return record
+    def __call__(self, options: type[T]) -> type[T]:
+        """Describe options."""
+        assert issubclass(options, Options)
+        options.described = self
+        return options
+
+
+class Options:
+    """Options that belong together: a field for each, with its default. A dataclass takes more than a millisecond."""
+
+    described: ClassVar[Parameter]
+
+    def __init__(self, **given: Any) -> None:
+        vars(self).update(given)
+
+
+def is_options(kind: Any) -> bool:
+    """Whether a type of an argument is one of `Options`."""
+    return isinstance(kind, type) and issubclass(kind, Options)
 
 
 class Family(NamedTuple):

@@ -640,6 +640,16 @@ def fit_rows(
     reweightings: int,
 ) -> tuple[Array, Array, Array, Array]: ...
 def fit_turn(views: Views, cam_from_ref: Array, usual: Array, rules: TurnRules) -> tuple[Array, Array, Mask, float]: ...
+def followed_pose(
+    before: Array,
+    previous_from_newest: Array,
+    world_from_cam: Array,
+    cov_pose: Array,
+    points_in_cam: Array,
+    cov_points_in_world: Array,
+    left: float,
+    most_sigmas: float,
+) -> tuple[Array, Array, Array, Array]: ...
 def gates_of_views(z_px: Array, of_one_side: float, of_both: float) -> Array: ...
 def ghost_sums(
     now: Image,
@@ -828,7 +838,7 @@ def views_within_gates(
     pinholes: Pinholes,
     state: WindowState,
     views: WindowViews,
-    var_slide_px2: Array,
+    var_drift: Array,
     gate_of_one: float,
     gate_of_both: float,
 ) -> Mask: ...
@@ -842,6 +852,17 @@ def widened_points(points_in_cam: Array, cov_points_in_world: Array, world_from_
 def window_marginals(
     state: WindowState, system: System, world_from_ref: Array, cov_more: Array, known_sigmas: float
 ) -> WindowMarginals: ...
+def window_motions(
+    cams_from_ref: Array,
+    true_cams: Array,
+    root: Array,
+    by_rig: Array,
+    cov_rig: Array,
+    by_span: Array,
+    modes: Pixels,
+    std_turns_rad: Array,
+    apparent_turns: float,
+) -> tuple[Array, Array, Array]: ...
 def window_step(
     pinholes: Pinholes,
     state: WindowState,

@@ -53,11 +53,17 @@ ids are ascending. Returns rows (k,), homogeneous points (k, 4), and their covar
 Points `ids` (n,) with q (n, 3) in anchors (n, 4, 4); variances (v, 3) of q in the camera for the ids `seen` (v,). Both
 ids are ascending.)",
         "ids"_a, "ref_from_anchor"_a, "q"_a, "seen"_a, "var_drift"_a);
+    def<&slides_of_views>(m, "_slides_of_views", R"(Return the variance (V,), px² a coordinate, of the slide of each view's patch since the middle of its track.
+
+Views have `ids`, sorted by frame, and variances (V, 3) of q by drift; those of other tracks than `points`, ascending, are
+0. A point does not move within the window, so it lies in the middle of where its patch has been. A view differs from the
+one in the middle of its track by the slides between both, which add up as a random walk, eq. (26a).)",
+        "points"_a, "ids"_a, "var_drift"_a, "f_px"_a);
     def<&views_within_gates>(m, "views_within_gates", R"(Return which views (V,) are used and agree with the state, each by its own covariance, which `weight` restores.
 
-`var_slide_px2` (V,): the variance of the slide of each view's patch, which this covariance contains too, eq. (26a).
+`var_drift` (V, 3): variances of q by drift; the slides of a view's patch are contained in this covariance, eq. (26a).
 The gates are on the squared residuals of views with one side and with both.)",
-        "pinholes"_a, "state"_a, "views"_a, "var_slide_px2"_a, "gate_of_one"_a, "gate_of_both"_a);
+        "pinholes"_a, "state"_a, "views"_a, "var_drift"_a, "gate_of_one"_a, "gate_of_both"_a);
     def<&squares_of_tracks>(m, "squares_of_tracks", R"(Return the sums (P,) of squared residuals of the views of each point, by their own covariances, and the numbers of
 values.)",
         "pinholes"_a, "state"_a, "views"_a);
@@ -123,6 +129,20 @@ by one, always the one that is explained least so far.)",
 `world_from_ref` (4, 4); `cov_more` (6, 6): added to the pose, and to the points seen from it. A point is finite if 1/Z
 exceeds `known_sigmas` σ.)",
         "state"_a, "system"_a, "world_from_ref"_a, "cov_more"_a, "known_sigmas"_a);
+    def<&window_motions>(m, "window_motions", R"(Return motions (F, 4, 4) from the newest frame to the reference and to every other one, covariances, and ∂ by the rig.
+
+Eq. (74) for `true_cams` (F, 4, 4), of which `root` (6F, n) is a root of the covariance given the rig's errors, and
+`by_rig` (6F, m) the Jacobian by these. `by_span` (b,): factors on σ over 1 … b frames, with which the columns between both
+of `modes` are multiplied; the columns before them already have the last one, and those after them none. Apparent rotations of
+σ `std_turns_rad` (F,) about each axis of `cams_from_ref` are added with a share `apparent_turns` of their variance, eq.
+(17b).)",
+        "cams_from_ref"_a, "true_cams"_a, "root"_a, "by_rig"_a, "cov_rig"_a, "by_span"_a, "modes"_a, "std_turns_rad"_a, "apparent_turns"_a);
+    def<&followed_pose>(m, "followed_pose", R"(Return the pose that follows the one `before` by a motion, and is pulled to the filter's `world_from_cam`, eq. (41a).
+
+It keeps the share `left` of what it is apart, at most `most_sigmas` σ, which is added to its covariance; with it, points
+(n, 3) in the camera, in the world, and their covariances (n, 3, 3).)",
+        "before"_a, "previous_from_newest"_a, "world_from_cam"_a, "cov_pose"_a, "points_in_cam"_a, "cov_points_in_world"_a, "left"_a,
+        "most_sigmas"_a);
     def<&widened_points>(m, "widened_points", R"(Return covariances (n, 3, 3) of points in the world, with `cov` (6, 6) added to the pose that sees them.
 
 Points (n, 3) in the camera; the perturbation is on the right of world_from_cam (4, 4), eq. (45).)",

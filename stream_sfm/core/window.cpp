@@ -15,7 +15,6 @@ enum : std::size_t {
     CHUNK = 16,    // views whose products are summed together
     MAX_PARTS = 4  // of the field: as many as a view has coordinates
 };
-constexpr std::size_t Q_COLUMNS[3] = {0, 1, 3};  // the coordinates of a homogeneous point that q changes
 constexpr std::size_t MOST_PARTS = 1000;  // parts of the points, each with its own system of poses
 
 // A used view: its row, and the rows of its frame and of its point.
@@ -157,76 +156,35 @@ Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& ex
     return result;
 }
 
-Array<double, 3> q_by_reference(Matrices ref_from_anchor, Matrix q) {
-    std::size_t n = q.shape[0];
-    require_shape(q, {n, 3}, "q");
-    require_shape(ref_from_anchor, {n, 4, 4}, "ref_from_anchor");
-    Array<double, 3> anchor_from_ref = pose_inverse(ref_from_anchor), result(n, 3, 6);
-    for (std::size_t i = 0; i < n; i++) {
-        double point[4] = {q[i][0], q[i][1], 1.0, q[i][2]}, in_ref[4], by_ref[4];
-        move(ref_from_anchor[i], point, in_ref);
-        for (int row = 0; row < 3; row++) {  // ∂q/∂P in the anchor has the rows e − q e₃
-            const double* inverse = anchor_from_ref[i];
-            for (int k = 0; k < 4; k++) by_ref[k] = inverse[4 * (row < 2 ? row : 3) + k] - q[i][row] * inverse[8 + k];
-            by_motion(by_ref, in_ref, result[i] + 6 * row);
-        }
-    }
-    return result;
-}
-
-SeenAgain points_seen_again(Indices ids, Matrix var_drift, Indices known, Matrix q, Matrices cov_q) {
-    std::size_t n = ids.shape[0], points = known.shape[0];
-    require_shape(var_drift, {n, 3}, "var_drift");
-    require_shape(q, {points, 3}, "q");
-    require_shape(cov_q, {points, 3, 3}, "cov_q");
-    std::vector<std::size_t> views, at;
-    Lookup before{known};
-    for (std::size_t i = 0; i < n; i++)
-        if (std::size_t row = before.row(ids.data[i]); row != NONE) views.push_back(i), at.push_back(row);
-    SeenAgain result{numbers(views), {views.size(), 4}, {views.size(), 4, 4}};
-    for (std::size_t i = 0; i < views.size(); i++) {
-        result.points[i][2] = 1.0;
-        for (std::size_t row = 0; row < 3; row++) {
-            result.points[i][Q_COLUMNS[row]] = q[at[i]][row];
-            for (std::size_t c = 0; c < 3; c++)
-                result.cov[i][4 * Q_COLUMNS[row] + Q_COLUMNS[c]] = cov_q[at[i]][3 * row + c] + (row == c ? var_drift[views[i]][row] : 0.0);
-        }
-    }
-    return result;
-}
-
-Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q, Indices seen, Matrix var_drift) {
+Array<double, 1> slides_of_views(Indices points, Indices ids, Matrix var_drift, double f_px) {
     std::size_t n = ids.shape[0];
-    require_shape(ref_from_anchor, {n, 4, 4}, "ref_from_anchor");
-    require_shape(q, {n, 3}, "q");
-    require_shape(var_drift, {seen.shape[0], 3}, "var_drift");
-    Array<double, 3> result(n, 3, 3);
-    Lookup views{seen};
-    for (std::size_t i = 0; i < n; i++) {
-        std::size_t view = views.row(ids.data[i]);
-        if (view == NONE) continue;
-        double in_anchor[4] = {q[i][0], q[i][1], 1.0, q[i][2]}, here[4], here_by_anchor[9], anchor_by_here[9];
-        move(ref_from_anchor[i], in_anchor, here);
-        for (std::size_t row = 0; row < 3; row++)  // ∂q/∂P has the rows (e − q e₃)/Z
-            for (std::size_t c = 0; c < 3; c++) {
-                const double *of = ref_from_anchor[i] + Q_COLUMNS[c], at = here[Q_COLUMNS[row]] / here[2];
-                here_by_anchor[3 * row + c] = (of[4 * Q_COLUMNS[row]] - at * of[8]) / here[2];
-            }
-        invert3(here_by_anchor, anchor_by_here);
-        for (std::size_t row = 0; row < 3; row++)
-            for (std::size_t c = 0; c < 3; c++)
-                for (std::size_t k = 0; k < 3; k++)
-                    result[i][3 * row + c] += anchor_by_here[3 * row + k] * var_drift[view][k] * anchor_by_here[3 * c + k];
+    require_shape(var_drift, {n, 3}, "var_drift");
+    Array<double, 1> slides(n);
+    std::vector<std::size_t> rows(n), end(points.shape[0] + 1), by_track(n);
+    Lookup of_points{points};
+    for (std::size_t i = 0; i < n; i++)
+        if ((rows[i] = of_points.row(ids.data[i])) != NONE) end[rows[i] + 1]++;
+    std::partial_sum(end.begin(), end.end(), end.begin());
+    std::vector<std::size_t> next(end.begin(), end.end() - 1);
+    for (std::size_t i = 0; i < n; i++)
+        if (rows[i] != NONE) by_track[next[rows[i]]++] = i;
+    for (std::size_t k = 0; k < points.shape[0]; k++) {
+        double walked = 0, middle = 0;
+        for (std::size_t at = end[k]; at < end[k + 1]; at++) {
+            slides.data[by_track[at]] = walked += var_drift[by_track[at]][0] * f_px * f_px;
+            if (at - end[k] == (end[k + 1] - end[k]) / 2) middle = walked;
+        }
+        for (std::size_t at = end[k]; at < end[k + 1]; at++) slides.data[by_track[at]] = std::abs(slides.data[by_track[at]] - middle);
     }
-    return result;
+    return slides;
 }
 
-Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
-                                  Vector var_slide_px2, double of_one, double of_both) {
+Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Matrix var_drift,
+                                  double of_one, double of_both) {
     Array<bool, 1> result(views.frame.shape[0]);
-    require_shape(var_slide_px2, {views.frame.shape[0]}, "var_slide_px2");
+    Array<double, 1> slides = slides_of_views(state.ids, views.ids, var_drift, pinholes.f_px);
     for (const Seen& seen : seen_by(state, views)) {
-        double square = own_square(pinholes, state, views, seen, var_slide_px2.data[seen.view]);
+        double square = own_square(pinholes, state, views, seen, slides.data[seen.view]);
         result.data[seen.view] = !(square > (sees_both(views, seen) ? of_both : of_one));
     }
     return result;
@@ -238,19 +196,6 @@ TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& stat
         result.squares.data[seen.point] += own_square(pinholes, state, views, seen, 0.0);
         result.values.data[seen.point] += sees_both(views, seen) ? 4 : 2;
     }
-    return result;
-}
-
-Array<bool, 1> determined_points(Indices ids, Indices known, Indices seen, Flags used, Flags stereo, int newest) {
-    std::size_t n = seen.shape[0], first = static_cast<std::size_t>(newest);
-    require_shape(used, {n}, "used");
-    require_shape(stereo, {n}, "stereo");
-    require(newest >= 0 && first <= n, "the newest views begin where there are none");
-    Array<bool, 1> counts(n), result = among(ids, known), lives = among(ids, {seen.data + first, {n - first}});
-    for (std::size_t i = 0; i < n; i++) counts.data[i] = used.data[i] && stereo.data[i];
-    Array<std::int64_t, 1> times = times_among(ids, seen, used), in_stereo = times_among(ids, seen, counts);
-    for (std::size_t i = 0; i < ids.shape[0]; i++)
-        result.data[i] = result.data[i] || (in_stereo.data[i] > 0 && (times.data[i] > 1 || lives.data[i]));
     return result;
 }
 

@@ -42,6 +42,25 @@ Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& sta
 struct ExposedRows;
 Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& exposed, const WindowState& state,
                                  const WindowViews& views, Matrix expected, Matrices motions, Vector timing);
+Array<double, 1> slides_of_views(Indices points, Indices ids, Matrix var_drift, double f_px);
+Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
+                                  Matrix var_drift, double of_one, double of_both);
+struct TrackSquares {
+    Array<double, 1> squares, values;
+    FIELDS(squares, values)
+};
+TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
+NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig);
+struct PosesByParts {
+    Array<double, 3> information;
+    Array<double, 2> right;
+    FIELDS(information, right)
+};
+PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Matrices reach,
+                            Matrix given, Indices part, int parts);
+
+// window_points.cpp
+constexpr std::size_t Q_COLUMNS[3] = {0, 1, 3};  // the coordinates of a homogeneous point that q changes
 Array<double, 3> q_by_reference(Matrices ref_from_anchor, Matrix q);
 struct SeenAgain {
     Array<std::int64_t, 1> rows;
@@ -51,22 +70,7 @@ struct SeenAgain {
 };
 SeenAgain points_seen_again(Indices ids, Matrix var_drift, Indices known, Matrix q, Matrices cov_q);
 Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q, Indices seen, Matrix var_drift);
-Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
-                                  Vector var_slide_px2, double of_one, double of_both);
-struct TrackSquares {
-    Array<double, 1> squares, values;
-    FIELDS(squares, values)
-};
-TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
 Array<bool, 1> determined_points(Indices ids, Indices known, Indices seen, Flags used, Flags stereo, int newest);
-NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig);
-struct PosesByParts {
-    Array<double, 3> information;
-    Array<double, 2> right;
-    FIELDS(information, right)
-};
-PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Matrices reach,
-                            Matrix given, Indices part, int parts);
 
 // elimination.cpp
 struct RigState {  // errors at their mean, information about them and weighted sums of their amplitudes; where they are held
@@ -187,5 +191,20 @@ Array<double, 2> newest_pose_covariance(const WindowState& state, const SystemVi
 WindowMarginals window_marginals(const WindowState& state, const SystemViews& system, Matrix world_from_ref, Matrix cov_more,
                                  double known_sigmas);
 Array<double, 3> widened_points(Matrix points_in_cam, Matrices cov_in_world, Matrix world_from_cam, Matrix cov);
+
+// motions.cpp
+struct WindowMotions {
+    Array<double, 3> from_newest, cov, by_rig;
+    FIELDS(from_newest, cov, by_rig)
+};
+WindowMotions window_motions(Matrices cams_from_ref, Matrices true_cams, Matrix root, Matrix by_rig, Matrix cov_rig, Vector by_span,
+                             Indices modes, Vector std_turns_rad, double apparent_turns);
+struct FollowedPose {
+    Array<double, 2> world_from_cam, cov_pose, points_in_world;
+    Array<double, 3> cov_points_in_world;
+    FIELDS(world_from_cam, cov_pose, points_in_world, cov_points_in_world)
+};
+FollowedPose followed_pose(Matrix before, Matrix previous_from_newest, Matrix world_from_cam, Matrix cov_pose, Matrix points_in_cam,
+                           Matrices cov_points_in_world, double left, double most_sigmas);
 
 }  // namespace core

@@ -1,17 +1,18 @@
 """Samples of a gyroscope and an accelerometer for frames, and the calibration of their unit."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError, FrameError
 from ..geometry import Array, se3
+from ..record import record, settle
 
 _SHAPES = "stamps_ns (n,) of integers, gyro_rad_s (n, 3) and accel_m_s2 (n, 3)"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class ImuSamples:
     """Samples of an inertial unit: `stamps_ns` (n,), `gyro_rad_s` (n, 3) and `accel_m_s2` (n, 3), in its own axes.
 
@@ -34,16 +35,16 @@ class ImuSamples:
         if stamps.ndim != 1 or not whole or any(a.shape != (len(stamps), 3) for a in arrays):
             shapes = ", ".join(str(a.shape) for a in (stamps, *arrays))
             raise FrameError(f"inertial samples have shapes {shapes} and stamps of {stamps.dtype}: give {_SHAPES}")
-        object.__setattr__(self, "stamps_ns", stamps.astype(np.int64))
-        object.__setattr__(self, "gyro_rad_s", arrays[0])
-        object.__setattr__(self, "accel_m_s2", arrays[1])
+        settle(self, "stamps_ns", stamps.astype(np.int64))
+        settle(self, "gyro_rad_s", arrays[0])
+        settle(self, "accel_m_s2", arrays[1])
 
     @classmethod
     def joined(cls, parts: "list[ImuSamples]") -> "ImuSamples":
         """Return the samples of several consecutive records."""
         if not parts:
             return cls(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3)))
-        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in cls.__slots__))
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in cls.__annotations__))
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -55,7 +56,7 @@ class ImuSamples:
         return f"<ImuSamples {len(self)}>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class ImuCalibration:
     """The mounting and the errors of an inertial unit.
 
@@ -81,8 +82,8 @@ class ImuCalibration:
             pose = np.zeros(0)
         if pose.shape != (4, 4) or not np.isfinite(pose).all() or not se3.is_rotation(pose[:3, :3], se3.ROUNDED):
             raise ConfigError("cam_from_imu of the inertial unit is not a 4×4 pose: give [[R, t], [0, 1]] in metres")
-        object.__setattr__(self, "cam_from_imu", se3.orthonormalise(pose))
-        for name in self.__slots__[1:]:
+        settle(self, "cam_from_imu", se3.orthonormalise(pose))
+        for name in _NUMBERS:
             value = getattr(self, name)
             is_number = isinstance(value, int | float) and np.isfinite(value)
             if not is_number or (name != "time_offset_s" and not value > 0) or abs(value) > 1e4:
@@ -91,7 +92,10 @@ class ImuCalibration:
     def mounted_in(self, rect_from_cam: Array) -> "ImuCalibration":
         """Return the calibration for a camera whose axes are turned by (3, 3)."""
         turned = se3.from_rotation_translation(rect_from_cam, np.zeros(3)) @ self.cam_from_imu
-        return ImuCalibration(turned, *(getattr(self, name) for name in self.__slots__[1:]))
+        return ImuCalibration(turned, *(getattr(self, name) for name in _NUMBERS))
 
     def __repr__(self) -> str:
         return f"<ImuCalibration {np.linalg.norm(self.cam_from_imu[:3, 3]):.3f} m from the camera>"
+
+
+_NUMBERS = tuple(ImuCalibration.__annotations__)[1:]

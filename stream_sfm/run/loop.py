@@ -6,9 +6,10 @@ at once. In each case the estimates so far are written, and the `RunOutcome` say
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Protocol
+
+import msgspec
 
 from ..errors import FrameError, InputError, LogError
 from ..logs.recording.frames import RecordedFrame
@@ -31,14 +32,13 @@ class Check(Protocol):
         ...
 
 
-@dataclass(slots=True)
-class RunOutcome:
+class RunOutcome(msgspec.Struct):
     """How a run went: the number of frames used, the warnings, and the error to raise when everything is written."""
 
     frames: int = 0
     complete: bool = True
     interrupted: bool = False
-    warnings: list[str] = field(default_factory=list)
+    warnings: list[str] = msgspec.field(default_factory=list)
     error: BaseException | None = None
 
     def interrupt(self) -> None:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ..errors import ConfigError
 from ..inertial.samples import ImuSamples
+from ..record import record
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]  # (h, w) or (h, w, 1) grey, (h, w, 3) or (h, w, 4) with blue first
 Picture = Image | bytes  # an image, or a compressed one (PNG, JPEG, WebP)
@@ -38,7 +39,7 @@ class StereoFrame:
         return f"<{type(self).__name__} at {self.stamp_ns} ns, {_size(self.left)} and {_size(self.right)}>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class MonoFrame:
     """One image of a single camera; everything else is as in StereoFrame."""
 

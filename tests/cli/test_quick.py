@@ -1,6 +1,5 @@
 """Plain command lines are parsed without Cyclopts, as Cyclopts parses them."""
 
-import dataclasses
 import inspect
 from typing import Any
 
@@ -8,7 +7,7 @@ import pytest
 
 from stream_sfm.cli.app import build_app
 from stream_sfm.cli.quick import _names, _slots, call_of
-from stream_sfm.cli.tables import COMMANDS, Family, command
+from stream_sfm.cli.tables import COMMANDS, Family, Options, command
 
 QUICK = ("replay", "live", "view", "inspect", "surface", "recover", "simulate", "config")
 # A word for each kind of value; options with converters of their own need one that they take.
@@ -26,13 +25,16 @@ SPECIAL = {
 
 
 def parsed_by_both(words: list[str]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The arguments of the function that a command line calls, records as dicts."""
+    """The arguments of the function that a command line calls, `Options` as dicts."""
 
     def plain(function: Any, args: Any, named: Any) -> dict[str, Any]:
         bound = inspect.signature(function).bind(*args, **named)
         bound.apply_defaults()
         values = bound.arguments.items()
-        return {name: dataclasses.asdict(v) if dataclasses.is_dataclass(v) else v for name, v in values}
+        return {name: of_options(v) if isinstance(v, Options) else v for name, v in values}
+
+    def of_options(of: Options) -> dict[str, Any]:
+        return {name: getattr(of, name) for kind in type(of).__mro__ for name in vars(kind).get("__annotations__", ())}
 
     quick: Any = call_of(words)
     assert quick is not None, words

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from stream_sfm import core
 from stream_sfm.config import Config, WindowConfig
 from stream_sfm.config.rules import Rules
 from stream_sfm.estimators import make_estimator
@@ -42,10 +43,11 @@ def at(of: Marginals, pose: np.ndarray) -> Marginals:
 def test_uncertainty_of_the_pose_adds_to_the_points_seen_from_it(some):
     """Covariances of points grow as in eq. (6) for points seen from an uncertain pose, and stay symmetric."""
     root = np.random.default_rng(1).normal(size=(6, 6)) * STD[:, None]
-    widened, pose = some.widened(root @ root.T), some.world_from_cam
+    pose = some.world_from_cam
+    widened = core.widened_points(some.points_in_cam, some.cov_points_in_world, pose, root @ root.T)
     _, by_pose = points_to_world(pose, root @ root.T, some.points_in_cam, np.zeros_like(some.cov_points))
-    assert widened.cov_points_in_world == pytest.approx(some.cov_points_in_world + by_pose, rel=1e-9, abs=1e-15)
-    assert np.array_equal(widened.cov_points_in_world, np.swapaxes(widened.cov_points_in_world, 1, 2))
+    assert widened == pytest.approx(some.cov_points_in_world + by_pose, rel=1e-9, abs=1e-15)
+    assert np.array_equal(widened, np.swapaxes(widened, 1, 2))
 
 
 def from_filter(reported: Marginals, pose: np.ndarray) -> np.ndarray:

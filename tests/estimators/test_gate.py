@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.estimators.window.inverse_depth import State, WhitenedViews, slides_px2
+from stream_sfm.estimators.window.inverse_depth import State, WhitenedViews
 from stream_sfm.geometry.gates import chi2_gate
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.estimators import window_views
@@ -37,10 +37,10 @@ def test_good_views_are_gated_as_often_as_the_gate_says(weight: float) -> None:
     """In every frame of the window, whatever the views count; without slides, far more in the first and last ones."""
     state, views = sliding(np.random.default_rng(3), weight)
     gates = chi2_gate(2, 1 - GATED), chi2_gate(4, 1 - GATED)
-    slides = slides_px2(PROJECTION, views)
+    drift = views.var_drift
     gated = [
         1 - core.views_within_gates(PROJECTION, state, views, var, *gates).reshape(FRAMES, POINTS).mean(axis=1)
-        for var in (slides, np.zeros_like(slides))
+        for var in (drift, np.zeros_like(drift))
     ]
     error = np.sqrt(GATED * (1 - GATED) / POINTS)
     assert (np.abs(gated[0] - GATED) < 4 * error).all()
@@ -55,5 +55,5 @@ def test_slides_add_up_from_the_middle_of_each_track() -> None:
     var = np.array([9.0, 1.0, 7.0, 2.0, 5.0, 3.0, 4.0])
     few = views[rows]
     few.var_drift[:, 0] = var / PROJECTION.f_px**2
-    found = slides_px2(PROJECTION, few)
+    found = core._core._slides_of_views(np.arange(POINTS), few.ids, few.var_drift, PROJECTION.f_px)
     assert found == pytest.approx([1 + 2, 2, 5, 0, 0, 3, 3 + 4])  # each slide is since the frame before

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stream_sfm import core
 from stream_sfm.config import Config
 from stream_sfm.estimators.window.reported.rules import ReportedRules
 from stream_sfm.geometry import se3
@@ -55,3 +56,32 @@ def test_apparent_rotations_by_patches_add_up_in_the_pose_and_not_in_relative_mo
         since = after.relative.cov[r] - before.relative.cov[r]
         share = Config().rules.of(ReportedRules).apparent_turns
         assert np.abs(since - share * each[index:].mean(axis=0)).max() < 0.02 * np.abs(since).max()
+
+
+def test_motions_of_a_window_are_those_of_the_plain_formulas() -> None:
+    """Eqs. (17b) and (74) with NumPy: motions, their covariances by span, and by the rig's errors."""
+    rng, frames, n, m = np.random.default_rng(8), 4, 30, 3
+    cams, trues = se3.exp(0.3 * rng.normal(size=(2, frames, 6)))
+    root, by_rig = rng.normal(size=(6 * frames, n)), rng.normal(size=(6 * frames, m))
+    cov_rig, by_span, turns = (
+        np.diag([0.5, 1.0, 2.0]),
+        np.array([1.0, 1.5, 1.6, 2.0, 3.0]),
+        np.array([0.1, 0.0, 0.2, 0.3]),
+    )
+    found = core.window_motions(cams, trues, root, by_rig, cov_rig, by_span, np.array([24, 28]), turns, 0.25)
+    for r in range(frames):
+        cam = np.eye(4) if r == 0 else trues[r - 1]
+        motion = cam @ se3.inverse(trues[-1])
+        assert found[0][r] == pytest.approx(motion, abs=1e-12)
+        j = np.zeros((6, 6 * frames))
+        if r:
+            j[:, 6 * r - 6 : 6 * r] = se3.adjoint(se3.inverse(motion))
+        j[:, -6:] -= np.eye(6)
+        factor = by_span[frames - 1 - r]
+        scaled = root * np.repeat([factor / by_span[-1], factor, 1.0], [24, 4, 2])
+        expected = j @ (scaled @ scaled.T + by_rig @ cov_rig @ by_rig.T) @ j.T
+        for k in range(r, frames):
+            turned = turns[k] * se3.adjoint(cams[-1] @ se3.inverse(cams[k]))[:, 3:]
+            expected += 0.25 / (frames - r) * turned @ turned.T
+        assert found[1][r] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+        assert found[2][r] == pytest.approx(j @ by_rig, abs=1e-12)

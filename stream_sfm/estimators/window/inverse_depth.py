@@ -149,22 +149,6 @@ def timed(state: State, views: WhitenedViews, rig: RigModel, motions: Array, tim
     return changed(views, timing=by_second * rig.units_of_timing)
 
 
-def slides_px2(projection: StereoProjection, views: WhitenedViews) -> Array:
-    """Return the variance (V,), px² a coordinate, of the slide of each view's patch since the middle of its track.
-
-    A point does not move within the window, so it lies in the middle of where its patch has been. A view differs from
-    the one in the middle of its track by the slides between both, which add up as a random walk, eq. (26a).
-    """
-    by_track = views.ids.argsort(kind="stable")  # rows are sorted by frame already
-    ids, walked = views.ids[by_track], np.cumsum(views.var_drift[by_track, 0]) * projection.f_px**2
-    ends = np.concatenate([[0], (ids[1:] != ids[:-1]).nonzero()[0] + 1, [len(ids)]])  # of tracks
-    lengths = ends[1:] - ends[:-1]
-    middle = (ends[:-1] + lengths // 2).repeat(lengths)
-    result = np.empty(len(ids))
-    result[by_track] = np.abs(walked - walked[middle])
-    return result
-
-
 def linearise(
     projection: StereoProjection, state: State, views: WhitenedViews, with_rig: bool = True
 ) -> core.NormalBlocks:

@@ -6,7 +6,6 @@ from ... import core
 from ...config import WindowConfig
 from ...geometry.gates import chi2_gate
 from ...record import changed
-from .inverse_depth import slides_px2
 from .normal_equations import System
 from .state import WindowState
 from .unknowns.velocities import is_timed, renewed_timing
@@ -77,6 +76,5 @@ def without_undetermined(current: WindowState) -> WindowState:
 def gated(current: WindowState, probability: float) -> WindowState:
     """Stop using the views that contradict the joint minimum, each by its own covariance and slide, eq. (26a)."""
     views, gates = current.views, (chi2_gate(2, probability), chi2_gate(4, probability))
-    slides = slides_px2(current.projection, views)
-    used = core.views_within_gates(current.projection, current.state, views, slides, *gates)
+    used = core.views_within_gates(current.projection, current.state, views, views.var_drift, *gates)
     return changed(current, views=changed(views, used=used))

@@ -3,9 +3,9 @@
 import os
 import struct
 import zlib
-from dataclasses import dataclass
 from typing import IO
 
+import msgspec
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Footer, Statistics
 
@@ -19,8 +19,7 @@ _DATA_END = RECORD_HEAD.pack(Opcode.DATA_END, 4)
 _CHUNK_HEAD = struct.Struct("<QQQ")  # first and last log time, uncompressed size
 
 
-@dataclass(slots=True)
-class Index:
+class Index(msgspec.Struct):
     """The content of the summary: schemas and channels, message counts by channel id, the span of log times.
 
     `counts` is empty if the summary has none. `chunk_channels`: offset of each chunk, ascending -> ids of the

@@ -1,10 +1,10 @@
 """Stored messages of MCAP and every other container, their damage, and the protocol of a source."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+import msgspec
 from mcap.records import Attachment
 
 from ...inertial.samples import ImuCalibration
@@ -38,13 +38,12 @@ class Message(NamedTuple):
     sequence: int = 0
 
 
-@dataclass(slots=True)
-class Damage:
+class Damage(msgspec.Struct):
     """What a reading has lost: `complete` becomes false with any loss; `notes` say in words what and where."""
 
     complete: bool = True
     bytes_read: int = 0
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = msgspec.field(default_factory=list)
 
     def add(self, note: str) -> None:
         """Record that something was lost; a repeated note is kept once."""
@@ -57,8 +56,7 @@ class Damage:
             self.notes.append(note)
 
 
-@dataclass(slots=True)
-class Contents:
+class Contents(msgspec.Struct):
     """The content of an index: each channel with its number of messages (None: unknown), and the span of log times."""
 
     channels: Sequence[tuple[Channel, int | None]]

@@ -1,11 +1,11 @@
 """Recordings of stereo cameras that deliver both images in one, side by side or stacked: read as two topics."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from ...camera.calibration.document import Where
 from ...camera.rig import StereoRig
 from ...errors import LogError
+from ...record import changed
 from ..mcap_file.message import Damage, Derived, Message, Source
 from ..sources.devices import halves
 from ..sources.profile import ProfileEncoder
@@ -33,8 +33,8 @@ def both_sides(
     split = _BothSides(source, cameras[0], calibration)
     topic = survey.topics[cameras[0]]
     topics = {name: known for name, known in survey.topics.items() if name != topic.name}
-    topics |= {channel.topic: replace(topic, name=channel.topic) for channel in ProfileEncoder(None).raw_images}
-    return split, replace(survey, topics=topics), calibration
+    topics |= {channel.topic: changed(topic, name=channel.topic) for channel in ProfileEncoder(None).raw_images}
+    return split, changed(survey, topics=topics), calibration
 
 
 class _BothSides(Derived):

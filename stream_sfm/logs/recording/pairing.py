@@ -9,9 +9,11 @@ ascend again. Then both sides are merged; no stamp is ever used twice.
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Generic, TypeVar
+
+import msgspec
 
 T = TypeVar("T")
 
@@ -42,16 +44,15 @@ def gaps_after(stamps_ns: Sequence[int]) -> list[int]:
     return [n for n, period in enumerate(periods) if period > longest > 0]
 
 
-@dataclass(slots=True)
-class PairingCounts:
+class PairingCounts(msgspec.Struct):
     """How many frames were paired or lost; lists are (left, right)."""
 
-    read: list[int] = field(default_factory=lambda: [0, 0])
+    read: list[int] = msgspec.field(default_factory=lambda: [0, 0])
     paired: int = 0
     paired_exactly: int = 0
-    unpaired: list[int] = field(default_factory=lambda: [0, 0])
+    unpaired: list[int] = msgspec.field(default_factory=lambda: [0, 0])
     unpaired_within: int = 0  # of these, the ones between two pairs, not at the beginning or the end
-    disordered: list[int] = field(default_factory=lambda: [0, 0])
+    disordered: list[int] = msgspec.field(default_factory=lambda: [0, 0])
     parted: int = 0  # frames of each camera without a partner while the two clocks differed
     largest_offset_ns: int = 0
 

@@ -1,14 +1,13 @@
 """The content of a log before anything is estimated: topics, counts, duration."""
 
-from dataclasses import dataclass
+import msgspec
 
 from ...system.inputs import LIMITS
 from ..mcap_file.message import Channel, Damage, Source
 from .messages import kind_of
 
 
-@dataclass(slots=True)
-class Topic:
+class Topic(msgspec.Struct):
     """One topic. `kind` as in `messages.kind_of`; `count` of messages, None if it is not known."""
 
     name: str
@@ -19,8 +18,7 @@ class Topic:
     metadata: dict[str, str]  # what the recorder of its first channel says about it
 
 
-@dataclass(slots=True)
-class Survey:
+class Survey(msgspec.Struct):
     """The topics by name, and the span of log times."""
 
     topics: dict[str, Topic]

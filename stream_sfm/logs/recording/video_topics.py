@@ -9,6 +9,7 @@ from dataclasses import replace
 from itertools import islice
 
 from ...errors import LogError
+from ...record import changed
 from ...system.inputs import LIMITS
 from ...system.wording import counted
 from ..mcap_file.message import Damage, Derived, Message, Source
@@ -29,8 +30,8 @@ def with_videos(source: Source, survey: Survey) -> tuple[Source, Survey]:
     found = {name: codec for name, codec in codecs.items() if codec is not None}
     if not found:
         return source, survey
-    topics = {name: replace(t, kind="image") if name in found else t for name, t in survey.topics.items()}
-    return _Decoded(source, found), replace(survey, topics=topics)
+    topics = {name: changed(t, kind="image") if name in found else t for name, t in survey.topics.items()}
+    return _Decoded(source, found), changed(survey, topics=topics)
 
 
 def _may_be_video(topic: Topic) -> bool:

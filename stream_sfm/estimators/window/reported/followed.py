@@ -5,9 +5,9 @@ frame, would contain that change as well as the error of the newest motion. What
 filter's is known, and is added to the covariance. Nothing is fed back.
 """
 
-import numpy as np
-
-from ....geometry import Array, se3
+from .... import core
+from ....geometry import Array
+from ....record import changed
 from .marginals import Marginals
 
 
@@ -19,9 +19,14 @@ def followed(
     `before`: those reported in the previous frame; `previous_from_newest` (4, 4): the newest motion;
     `frames`: of the window, over which it comes nearer to the filter's; `most_sigmas`: its largest lag, σ.
     """
-    start = se3.orthonormalise(before.world_from_cam @ previous_from_newest)
-    apart = se3.log(se3.inverse(start) @ now.world_from_cam)
-    left = apart * (1 - 1 / frames)
-    distance2 = float(left @ np.linalg.solve(now.cov_pose, left))
-    left *= min(1.0, most_sigmas / np.sqrt(max(distance2, 1e-30)))
-    return now.moved(-left)
+    world_from_cam, cov_pose, points_in_world, cov_points_in_world = core.followed_pose(
+        *(before.world_from_cam, previous_from_newest, now.world_from_cam, now.cov_pose, now.points_in_cam),
+        *(now.cov_points_in_world, 1 - 1 / frames, most_sigmas),
+    )
+    return changed(
+        now,
+        world_from_cam=world_from_cam,
+        cov_pose=cov_pose,
+        points_in_world=points_in_world,
+        cov_points_in_world=cov_points_in_world,
+    )

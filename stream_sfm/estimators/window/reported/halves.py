@@ -17,7 +17,7 @@ from ....geometry import Array, se3
 from ....geometry.linear import Cholesky, mahalanobis2
 from ....geometry.medians import median
 from ....record import changed, record
-from ..inverse_depth import State, linearise, slides_px2
+from ..inverse_depth import State, linearise
 from ..minimise import without_undetermined
 from ..state import WindowState
 from .relative import apart_from_newest
@@ -85,8 +85,7 @@ def squares_of_halves(of: WindowState, rules: ReportedRules) -> Array:
 def _unselected(of: WindowState, most: float) -> WindowState:
     """Return the map with all views of its points, equally weighted, but gross mismatches: those beyond `most` σ²."""
     views = changed(of.views, used=np.ones(len(of.views), bool))
-    slides = slides_px2(of.projection, views)
-    near = core.views_within_gates(of.projection, of.state, views, slides, most, most)
+    near = core.views_within_gates(of.projection, of.state, views, views.var_drift, most, most)
     root, weight = views.root / views.weight[:, None, :], np.ones_like(views.weight)
     return without_undetermined(changed(of, views=changed(views, used=near, root=root, weight=weight)))
 

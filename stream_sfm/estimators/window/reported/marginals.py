@@ -48,19 +48,6 @@ class Marginals:
         found = core.window_marginals(state, system, world_from_ref, cov_more, KNOWN_DEPTH_SIGMAS)
         return filled(cls, found, ids=state.ids)
 
-    def widened(self, cov: Array) -> "Marginals":
-        """Return the marginals with `cov` (6, 6) added to the newest pose and to the points seen from it."""
-        in_world = core.widened_points(self.points_in_cam, self.cov_points_in_world, self.world_from_cam, cov)
-        return changed(self, cov_pose=self.cov_pose + cov, cov_points_in_world=in_world)
-
-    def moved(self, by: Array) -> "Marginals":
-        """Return the marginals with the newest pose, and the points seen from it, moved `by` (6,) from the estimate.
-
-        The move is a known error, so covariances become mean squared errors.
-        """
-        result = self.widened(np.outer(by, by))
-        return result.at(se3.orthonormalise(self.world_from_cam @ se3.exp(by)), result.cov_pose)
-
     def at(self, world_from_cam: Array, cov_pose: Array) -> "Marginals":
         """Return the marginals with the newest camera at a pose (4, 4); points keep their positions in it."""
         in_world = se3.transform(world_from_cam, self.points_in_cam)

@@ -6,8 +6,8 @@ directly from the joint covariance of the window, eq. (74), including all errors
 
 import numpy as np
 
+from .... import core
 from ....geometry import Array, se3
-from ....geometry.linear import product
 from ....rig_model.estimate import RigEstimate
 from ....types import CommonErrors, RelativeMotions
 from ..inertia.interval import JOINT
@@ -34,22 +34,22 @@ def relative_motions(current: WindowState, by_span: Array, apparent_turns: float
     """Return the motions from the newest frame to the reference camera and to every other frame of the window.
 
     `by_span` (b,): the factors on σ over 1 … b frames; the views of the window have the last of them, eq. (74d).
-    `apparent_turns`: share of apparent rotations by sliding patches.
+    `apparent_turns`: share of apparent rotations by sliding patches. These come and go within a window, so over any of
+    its spans they count as over one frame, with this share of their variance, eq. (17b); those that stay add up in the
+    pose.
     """
     frames, system = current.frames, current.system
-    true_cams, (of_poses, of_rig) = current.true_cams, _of_true_cams(current)
-    cams = np.array([np.eye(4), *true_cams[:-1]])  # the reference is exact by definition
-    from_newest = cams @ se3.inverse(true_cams[-1])
-    half, by_rig = apart_from_newest(from_newest[1:], of_poses, of_rig)
-    factors = by_span[: len(frames), None, None][::-1]
-    modes = system.at["modes"]
-    half[..., : modes.start] *= factors / by_span[-1]
-    half[..., modes] *= factors
-    cov = half @ np.swapaxes(half, 1, 2) + product(by_rig, system.cov_rig) @ np.swapaxes(by_rig, 1, 2)
+    modes, turns = system.at["modes"], np.array([f.std_turn_rad for f in frames])
+    from_newest, cov, by_rig = core.window_motions(
+        *(current.cams_from_ref, current.true_cams, *_of_true_cams(current), system.cov_rig),
+        *(by_span, np.array([modes.start, modes.stop]), turns, apparent_turns),
+    )
+    if any(f.ambiguity.shape[1] for f in frames):
+        cov += _of_ambiguous(current)
     return RelativeMotions(
         frame_indices=np.array([f.index for f in current.all_frames[:-1]], np.int64),
-        frame_from_newest=se3.orthonormalise(from_newest),
-        cov=cov + _of_motions(current, apparent_turns),
+        frame_from_newest=from_newest,
+        cov=cov,
         common_jacobian=by_rig,
     )
 
@@ -74,24 +74,14 @@ def common_errors(current: WindowState, rig: RigEstimate | None) -> CommonErrors
     return CommonErrors(current.rig_error, rig.cov, jacobian)
 
 
-def _of_motions(current: WindowState, apparent_turns: float) -> Array:
-    """Return the covariances (r, 6, 6) to add to the motions between each earlier frame and the newest one.
-
-    Differences of ambiguous motions add up. Apparent rotations by sliding patches come and go within a window, so over
-    any of its spans they count as over one frame, with a share `apparent_turns` of their variance, eq. (17b); those
-    that stay add up in the pose.
-    """
-    frames = current.frames[::-1]
+def _of_ambiguous(current: WindowState) -> Array:
+    """Return the covariances (r, 6, 6) by ambiguous motions between earlier frames and the newest; they add up."""
+    frames, covs = current.frames[::-1], []
     by_cams = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(current.cams_from_ref[::-1]))
-    turned = np.array([f.std_turn_rad for f in frames])[:, None, None] * by_cams[..., 3:]
-    turns = np.cumsum(turned @ np.swapaxes(turned, 1, 2), axis=0)
-    covs = apparent_turns / np.arange(1, len(frames) + 1)[:, None, None] * turns
-    if not any(f.ambiguity.shape[1] for f in frames):
-        return covs[::-1]
     together, apart = np.zeros((6, 6)), np.zeros((6, 6))
-    for cov, frame, moved in zip(covs, frames, by_cams, strict=True):
+    for frame, moved in zip(frames, by_cams, strict=True):
         if frame.ambiguity.shape[1]:
             other = moved @ frame.ambiguity
             together, apart = together + other[:, :6], apart + other[:, 6:] @ other[:, 6:].T
-        cov += together @ together.T + apart
-    return covs[::-1]
+        covs.append(together @ together.T + apart)
+    return np.array(covs[::-1])
