@@ -20,6 +20,7 @@ struct FittedRows {
     Array<double, 1> weighted, mean, left_over;
     FIELDS(information, weighted, mean, left_over)
 };
+Array<double, 1> explained_by(Matrix effects, Vector rest, double half_weight, int reweightings);
 FittedRows fit_rows(const RowModel& rows, Matrix at, Vector difference, Vector speed, double step_px, double half_weight, int reweightings);
 
 // rig.cpp

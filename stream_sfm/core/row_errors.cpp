@@ -106,6 +106,27 @@ FittedRows fit_rows(const RowModel& rows, Matrix at, Vector difference, Vector s
     return result;
 }
 
+Array<double, 1> explained_by(Matrix effects, Vector rest, double half_weight, int reweightings) {
+    std::size_t n = effects.shape[0], k = effects.shape[1];
+    require_shape(rest, {n}, "rest");
+    require(reweightings >= 1 && reweightings <= 1000, "reweightings is not within 1 and 1000");
+    Array<double, 1> explained(n);
+    std::vector<double> information(k * k), amplitudes(k);
+    for (int round = 0; round < reweightings; round++) {
+        std::fill(amplitudes.begin(), amplitudes.end(), 0.0);
+        for (std::size_t i = 0; i < k * k; i++) information[i] = i % (k + 1) == 0;
+        for (std::size_t i = 0; i < n; i++) {
+            double residual = (rest.data[i] - explained.data[i]) / half_weight, weight = 1 / (1 + residual * residual);
+            add(weight * rest.data[i], effects[i], k, amplitudes.data());
+            for (std::size_t a = 0; a < k; a++) add(weight * effects[i][a], effects[i], k, information.data() + a * k);
+        }
+        require_definite(solve_positive(information.data(), amplitudes.data(), k), "the effects are not finite");
+        for (std::size_t i = 0; i < n; i++)
+            explained.data[i] = std::inner_product(amplitudes.begin(), amplitudes.end(), effects[i], 0.0);
+    }
+    return explained;
+}
+
 Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vector speed, double scale) {
     std::size_t n = left.shape[0];
     require_shape(left, {n, 2}, "left_px");

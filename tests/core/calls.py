@@ -166,6 +166,7 @@ CALLS = {
     "weigh_turn": (USUAL, TURN, np.ones(4)),
     "learn_turn": (USUAL, TURN, 3),
     "effects_of_turn": (PINHOLES, STARTS),
+    "explained_by": (FIELD, np.ones(N), 2.4, 2),
     "fit_rows": (ROWS, STARTS, np.ones(N), np.ones(N), 1e-3, 2.4, 2),
     "views_by_turn": (PINHOLES, VIEWS, np.eye(3)),
     "with_turn": (PINHOLES, VIEWS, COV, np.eye(3)),

@@ -238,3 +238,17 @@ def test_an_unknown_turn_during_a_delay_explains_rows_and_nothing_else_does() ->
     assert shaken(0.0).unexplained_px < 1.3 * noise
     assert shaken(0.0, wrong=1.0).unexplained_px > 0.5
     assert shaken(8e-3, wrong=1.0).unexplained_px > 0.5
+
+
+def test_what_amplitudes_explain_is_found_as_numpy_finds_it() -> None:
+    """Reweighted least squares with a prior of σ = 1; an outlier pulls by its Cauchy weight only."""
+    rng = np.random.default_rng(8)
+    effects, width = rng.normal(size=(80, 3)), 2.385
+    rest = effects @ np.array([1.0, -2.0, 0.5]) + 0.1 * rng.normal(size=80)
+    rest[:4] += 50
+    explained = np.zeros(80)
+    for _ in range(5):
+        weighted = effects.T / (1 + ((rest - explained) / width) ** 2)
+        explained = effects @ np.linalg.solve(np.eye(3) + weighted @ effects, weighted @ rest)
+    assert np.allclose(core.explained_by(effects, rest, width, 5), explained, rtol=1e-9)
+    assert np.abs(explained - rest)[4:].max() < 1

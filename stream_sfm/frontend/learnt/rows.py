@@ -171,12 +171,8 @@ class Rows:
         if by_turning is None:
             return np.zeros_like(rest_px)
         size_s = math.hypot(mean[_POLYNOMIAL], math.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL]))
-        columns = by_turning * (size_s * self.rules.std_turning_rad_s / self.unexplained_px)
-        rest, explained = rest_px / self.unexplained_px, np.zeros_like(rest_px)
-        for _ in range(self.rules.reweightings):
-            weighted = columns.T / (1 + ((rest - explained) / CAUCHY_WIDTH) ** 2)
-            explained = columns @ np.linalg.solve(np.eye(3) + weighted @ columns, weighted @ rest)
-        return explained * self.unexplained_px
+        columns, px = by_turning * (size_s * self.rules.std_turning_rad_s / self.unexplained_px), self.unexplained_px
+        return px * core.explained_by(columns, rest_px / px, CAUCHY_WIDTH, self.rules.reweightings)
 
     def _likely_field_std_px(self, information: Array, mean: Array) -> float:
         """Return the likely σ of the field, eq. (19a), from all information about the rows."""
