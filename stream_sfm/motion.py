@@ -7,14 +7,14 @@ pose in the world may be corrected.
 import logging
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterable
-from dataclasses import field, replace
+from dataclasses import field
 
 import numpy as np
 
 from .errors import ConfigError
 from .geometry import Array, se3
 from .geometry.linear import symmetric
-from .record import Kind, record, with_changes
+from .record import Kind, changed, record, with_changes
 from .types import CommonErrors, FrameEstimate, RelativeMotions, Status
 
 # The first common errors, of lengths and axes: no view shows them, and no change of the rig ends them.
@@ -92,8 +92,8 @@ class Motion:
                 "between them is missing, such as lost frames; sfm.chain finds motions without gaps"
             )
         known = later if len(later.mean) else self
-        changed = len(self.mean) and len(later.mean) and self.common_since != later.common_since
-        first = (self.of_former_rig() if changed else self).given(known.mean, known.cov_common)
+        is_former = len(self.mean) and len(later.mean) and self.common_since != later.common_since
+        first = (self.of_former_rig() if is_former else self).given(known.mean, known.cov_common)
         then = later if known is later else later.given(known.mean, known.cov_common)
         ad = se3.adjoint(se3.inverse(then.earlier_from_newest))
         return Motion(
@@ -114,7 +114,7 @@ class Motion:
         by_rig, j = self.common_jacobian[:, rig], self.common_jacobian.copy()
         j[:, rig] = 0
         own = symmetric(self.cov_own + by_rig @ self.cov_common[rig, rig] @ by_rig.T)
-        return replace(self, cov_own=own, common_jacobian=j)
+        return changed(self, cov_own=own, common_jacobian=j)
 
     def given(self, mean: Array, cov_common: Array) -> "Motion":
         """Return the same motion, given the current estimate of the common errors, (m,) and (m, m)."""
@@ -122,12 +122,12 @@ class Motion:
         moved = self.earlier_from_newest
         if len(self.mean):
             moved = se3.orthonormalise(moved @ se3.exp(j @ (mean - self.mean)))
-        return replace(self, earlier_from_newest=moved, common_jacobian=j, mean=mean, cov_common=cov_common)
+        return changed(self, earlier_from_newest=moved, common_jacobian=j, mean=mean, cov_common=cov_common)
 
     def back(self) -> "Motion":
         """Return the inverse motion."""
         ad = se3.adjoint(self.earlier_from_newest)
-        return replace(
+        return changed(
             self,
             earlier_from_newest=se3.inverse(self.earlier_from_newest),
             cov_own=symmetric(ad @ self.cov_own @ ad.T),

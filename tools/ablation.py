@@ -44,6 +44,7 @@ RULES: dict[str, tuple[str, ...]] = {  # the settings that switch it off
     ),
     "repetition": ("rules.repetition.reach=100000",),
     "global search": ("rules.robust.calm_share=0",),
+    "noise of bad frames": ("rules.motion.poor_frames=false",),
     "depths forget": ("rules.motion.forgetting=1",),
     "drift of templates": ("rules.errors.slide=0",),
     "earlier images show through": ("rules.ghosts.share=1",),

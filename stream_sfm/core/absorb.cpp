@@ -230,7 +230,8 @@ AbsorbedFrame absorb_frame(const Pinholes& pinholes, const WindowState& state, c
     Array<std::int64_t, 1> ids = rows_of(prior.ids, seen.rows);
     Array<double, 2> mean = rows_of(prior.mean, seen.rows);
     Array<double, 3> modes = rows_of(prior.modes, seen.rows);
-    WithoutPoints system = absorbing_system(views_of(seen.blocks), {ids, mean, seen.cov, modes, prior.world_modes, prior.rig}, seen.anchors, seen.q, amplitudes);
+    PriorViews kept{ids, mean, seen.cov, modes, prior.world_modes, prior.rig};
+    WithoutPoints system = absorbing_system(views_of(seen.blocks), kept, seen.anchors, seen.q, amplitudes);
     std::size_t points = ids.size(), narrow = e + k + 6 - m, own = size - m, fresh = seen.fresh.size();
     widen(system, size - m - narrow, m, about, weighted);
     require(system.g.size() == size, "the world has other modes than the frame leaves");
@@ -257,15 +258,15 @@ AbsorbedFrame absorb_frame(const Pinholes& pinholes, const WindowState& state, c
     }
     AbsorbedPoints after = absorbed_points(ids, solved.std_given, {moved.data.get(), {points, 3, size + 1}}, system.given, seen.q, seen.stays,
                                            seen.fresh, seen.alone.mean, seen.alone.cov, modes_new);
-    AbsorbedFrame result{std::move(after.ids), std::move(after.mean), {0, 3, 3}, {0, 3, 0}, {0, 0}, {world_modes.shape[0]}, std::move(found.solved.information_of_rig), std::move(found.pull_of_rig)};
     Array<double, 2> of_world(world_modes.shape[0], size);
+    Array<double, 1> world_step(world_modes.shape[0]);
     for (std::size_t row = 0; row < world_modes.shape[0]; row++) {
         std::copy_n(world[row], size, of_world[row]);
-        result.world_step.data[row] = world[row][size];
+        world_step.data[row] = world[row][size];
     }
     TruncatedModes left = truncate_modes(after.cov, after.modes, of_world, m, negligible);
-    result.cov = std::move(left.cov), result.modes = std::move(left.modes), result.world_modes = std::move(left.world_modes);
-    return result;
+    return {std::move(after.ids), std::move(after.mean), std::move(left.cov), std::move(left.modes), std::move(left.world_modes),
+            std::move(world_step), std::move(found.solved.information_of_rig), std::move(found.pull_of_rig)};
 }
 
 }  // namespace core

@@ -62,7 +62,8 @@ struct Part {
 struct PoseAndWorld {
     Array<double, 2> own, rig, rig_times_cov;
 
-    PoseAndWorld(const SystemViews& system, std::size_t frames) : own(BOTH, check(system, frames)), rig(BOTH, m_of(system)), rig_times_cov(BOTH, m_of(system)) {
+    PoseAndWorld(const SystemViews& system, std::size_t frames)
+        : own(BOTH, check(system, frames)), rig(BOTH, system.cov_rig.shape[0]), rig_times_cov(rig.shape) {
         std::size_t n = own.shape[1], m = rig.shape[1], modes = system.prior.modes.shape[2] - m;
         const SolvedViews& solved = system.solved;
         if (frames) {
@@ -87,10 +88,10 @@ struct PoseAndWorld {
     }
 
    private:
-    static std::size_t m_of(const SystemViews& system) { return system.cov_rig.shape[0]; }
     // The number of variables of a system whose arrays fit each other.
     static std::size_t check(const SystemViews& system, std::size_t frames) {
-        std::size_t n = system.solved.root.shape[0], m = m_of(system), points = system.solved.std_given.shape[0], k = system.prior.modes.shape[2];
+        std::size_t n = system.solved.root.shape[0], m = system.cov_rig.shape[0], points = system.solved.std_given.shape[0];
+        std::size_t k = system.prior.modes.shape[2];
         require_shape(system.solved.root, {n, n}, "root");
         require_shape(system.solved.std_given, {points, 3, 3}, "std_given");
         require_shape(system.solved.reach, {points, 3, system.solved.reach.shape[2]}, "reach");
@@ -132,10 +133,10 @@ std::array<double, 16> newest_cam(const WindowState& state) {
 }
 
 // Rows (P, 3, k) of points times a matrix (k, n).
-Array<double, 3> rows_times(Matrices rows, std::size_t k, Terms matrix, std::size_t n, Needed needed) {
+Array<double, 3> rows_times(Matrices rows, std::size_t k, Terms matrix, std::size_t n) {
     std::size_t points = rows.shape[0];
     Array<double, 3> result(points, 3, n);
-    add_large_product(1.0, along({rows.data, rows.shape[2]}), 3 * points, matrix, n, k, needed, result.data.get(), n);
+    add_large_product(1.0, along({rows.data, rows.shape[2]}), 3 * points, matrix, n, k, Needed::ALL, result.data.get(), n);
     return result;
 }
 
@@ -165,17 +166,20 @@ WIDER WindowMarginals window_marginals(const WindowState& state, const SystemVie
     PoseAndWorld at(system, state.cams_from_ref.shape[0]);
     require_shape(system.solved.std_given, {n, 3, 3}, "std_given");
     const std::array<double, 16> cam_from_ref = newest_cam(state);
-    Part own{system.solved.std_given, rows_times(system.solved.reach, size, down({system.solved.root.data, size}), size, Needed::ALL), {0, 3, 0}, {0, 3, BOTH}};
-    own.with_both = rows_times(own.by, size, along({at.own.data.get(), size}), BOTH, Needed::ALL);
+    const SolvedViews &solved = system.solved, &of_errors = system.rig;
+    Part own{solved.std_given, rows_times(solved.reach, size, down({solved.root.data, size}), size), {0, 3, 0}, {0, 3, BOTH}};
+    own.with_both = rows_times(own.by, size, along({at.own.data.get(), size}), BOTH);
     at.add_covariance(false, own.both);
-    Part of_rig{system.rig.std_given, rows_times(system.rig.reach, size, down({system.rig.by_rig.data, m}), m, Needed::ALL), {0, 3, 0}, {0, 3, BOTH}};
-    for (std::size_t row = 0; row < 3 * system.rig_ids.shape[0]; row++) add(1.0, system.rig.reach.data + row * (size + m) + size, m, of_rig.by.data.get() + row * m);
-    of_rig.times_cov = rows_times(of_rig.by, m, down({system.cov_rig.data, m}), m, Needed::ALL);
-    of_rig.with_both = rows_times(of_rig.by, m, along({at.rig_times_cov.data.get(), m}), BOTH, Needed::ALL);
+    Part of_rig{of_errors.std_given, rows_times(of_errors.reach, size, down({of_errors.by_rig.data, m}), m), {0, 3, 0}, {0, 3, BOTH}};
+    for (std::size_t row = 0; row < 3 * system.rig_ids.shape[0]; row++)
+        add(1.0, of_errors.reach.data + row * (size + m) + size, m, of_rig.by.data.get() + row * m);
+    of_rig.times_cov = rows_times(of_rig.by, m, down({system.cov_rig.data, m}), m);
+    of_rig.with_both = rows_times(of_rig.by, m, along({at.rig_times_cov.data.get(), m}), BOTH);
     at.add_covariance(true, of_rig.both);
     double both[BOTH * BOTH];
     std::transform(own.both, own.both + BOTH * BOTH, of_rig.both, both, std::plus<>());
-    WindowMarginals result{{4, 4}, of_pose_in_world(cam_from_ref.data(), both), {n, 3}, {n, 3}, {n, 3}, {n, 3, 3}, {n, 3, 3}, {n, 3, 3}, {n}};
+    Array<double, 2> cov_pose = of_pose_in_world(cam_from_ref.data(), both);
+    WindowMarginals result{{4, 4}, std::move(cov_pose), {n, 3}, {n, 3}, {n, 3}, {n, 3, 3}, {n, 3, 3}, {n, 3, 3}, {n}};
     const double* world = world_from_ref.data;
     double turn[9];
     for (int k = 0; k < 9; k++) turn[k] = world[4 * (k / 3) + k % 3];

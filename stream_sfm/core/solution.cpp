@@ -72,7 +72,8 @@ MovedWindow moved(const WindowState& state, Vector amplitudes, Array<double, 1>&
 WIDER FactoredWindow factored(WithoutPoints& system, std::size_t m) {
     std::size_t size = system.g.size(), n = size - m;
     const double *h = system.h.data.get(), *g = system.g.data.get();
-    FactoredWindow result{{inverse_root_of({h, size}, n, true), {n, m}, std::move(system.std_given), std::move(system.reach), {m}, {0, 0}, {m, m}}, {n}, {m}};
+    Array<double, 2> of_others = inverse_root_of({h, size}, n, true);
+    FactoredWindow result{{std::move(of_others), {n, m}, std::move(system.std_given), std::move(system.reach), {m}, {0, 0}, {m, m}}, {n}, {m}};
     Rows root{result.solved.root.data.get(), n};
     std::vector<double> coupling(m * n), whitened(n);
     Rows coupled{coupling.data(), n};

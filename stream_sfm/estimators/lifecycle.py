@@ -53,7 +53,7 @@ def frame_status(
         reasons.append("two rigid motions agree with the views")
     elif motion is not None and motion.share < config.degraded_share:
         reasons.append(f"only {motion.share:.0%} of the views, by their history, agree with one motion")
-    if inliers < min(config.degraded_inliers, max(MANY_VIEWS, config.degraded_share * sought)):
+    if inliers < min(config.degraded_inliers, max(MANY_VIEWS, config.chance_share * sought)):
         reasons.append(f"only {inliers} accepted views of {sought} points sought")
     if note:
         reasons.append(note)

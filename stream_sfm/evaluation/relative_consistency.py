@@ -23,7 +23,7 @@ from .settings import SETTINGS
 
 SPANS = (1, 2, 5, 8, 10, 20, 50, 100)
 OF_WINDOW = SPANS[:4]  # frames within the window and its covariance
-_CHAINED = 20, 40  # composed of these; longer spans are composed of them
+_CHAINED = 10, 20, 50  # composed of these; longer spans are composed of them
 _UPPER = np.triu_indices(6)
 _NUMBERS = 6 + len(_UPPER[0])  # numbers of a motion and its covariance
 _LONGEST = max(SPANS)

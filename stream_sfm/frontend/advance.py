@@ -67,7 +67,8 @@ def advance(
     second = motion.second
     kept = motion.accepted if second is None or second.in_front else motion.accepted | second.views
     rows = kept.nonzero()[0]
-    z_px, cov_px = rows_of(seen.views.z_px, rows), rows_of(seen.views.cov_px, rows)
+    # if most views fit badly, the frame is poor (blurred, for instance) rather than full of outliers
+    z_px, cov_px = rows_of(seen.views.z_px, rows), motion.spread * rows_of(seen.views.cov_px, rows)
     seen_px = seen.views.raw_px(rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
     exposures, contrast = rows_of(seen.views.exposures, rows), seen.views.contrast[rows]

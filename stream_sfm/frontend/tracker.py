@@ -91,6 +91,8 @@ def _agreed_motion(
     rules = step.setup.rules.of(MotionRules)
     predicted = step.predicted if rules.one_body else None
     motion = resect(seen.point_views, start, seen.weights, predicted, amplitudes=seen.amplitudes)
+    if not rules.poor_frames:
+        motion = changed(motion, spread=1.0)
     motion, checked = choose(step, state, seen, motion)
     of_body = 0.0 if motion.second is None or not motion.second.in_front else seen.weights[motion.second.views].sum()
     many = seen.weights[motion.accepted].sum() >= rules.min_agreement * (seen.weight - of_body)

@@ -3,8 +3,6 @@
 Such matrices have condition numbers of 10¹⁰, so each of them is scaled by its own diagonal before it is factored.
 """
 
-import math
-
 import numpy as np
 
 from .. import core
@@ -23,12 +21,6 @@ def symmetric(a: Array) -> Array:
 def symmetric_inverse(a: Array) -> Array:
     """Return the inverses of symmetric matrices (…, n, n), symmetric to the last digit."""
     return symmetric(np.asarray(np.linalg.inv(a)))
-
-
-def product(a: Array, b: Array) -> Array:
-    """Return A B of stacked matrices (…, k) with one matrix (k, n), by a single product instead of many small ones."""
-    *stack, k = a.shape
-    return np.asarray((a.reshape(math.prod(stack), k) @ b).reshape(*stack, b.shape[1]))
 
 
 def matvec(a: Array, x: Array) -> Array:

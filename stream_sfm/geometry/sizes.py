@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ class Sizes:
 
     probabilities: Array = field(default_factory=lambda: _DRAWN)
 
-    @property
+    @cached_property
     def log_prior(self) -> Array:
         """The log probabilities (k,) in the next frame, before it is seen."""
         return np.asarray(np.log((1 - REDRAWN) * self.probabilities + REDRAWN * _DRAWN))

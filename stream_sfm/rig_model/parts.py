@@ -5,6 +5,7 @@ with a rigid, triggered rig gave 0.8, 1.0 and 0.3 ms, and the whole run gave 1.5
 the camera's are in no part: rig errors would explain a body that is tracked, and all parts would agree about them.
 """
 
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -15,7 +16,8 @@ from ..record import changed, record
 from .terms import AT_TURNING, TERMS
 
 
-class _End(NamedTuple):
+@record
+class _End:
     """The information of the first frames of a run about the terms: `information` (t, t) and weighted sums (t,)."""
 
     frames: int
@@ -83,15 +85,8 @@ class Parts:
             return None
         n = self.latest.frames
         inner = [min(self.ends, key=lambda end: abs(end.frames - k * n / 3)) for k in (1, 2)]
-        t = len(self.latest.weighted)
-        cuts = [_End(0, np.zeros((t, t)), np.zeros(t)), *inner, self.latest]
-        means, variances = np.zeros((2, 3, t))
-        for k, (first, last) in enumerate(pairwise(cuts)):
-            values, axes = np.linalg.eigh(last.information - first.information)
-            # a part that reduces the information along an axis says nothing there, neither how much nor what
-            share, says = 1 / (1 + np.maximum(values, 0.0)), values > 0
-            means[k] = (axes * (share * says)) @ (axes.T @ (last.weighted - first.weighted))
-            variances[k] = axes**2 @ share
+        found = [_of_third(first, last) for first, last in pairwise((None, *inner, self.latest))]
+        means, variances = (np.stack(each) for each in zip(*found, strict=True))
         weights = np.maximum(1 / variances - 1, 1e-9)  # without the prior
         means, variances = means / (variances * weights), 1 / weights
         var = 1 / weights.sum(axis=0)
@@ -99,3 +94,15 @@ class Parts:
         chi2 = (weights * (means - mean) ** 2).sum(axis=0)
         spread = np.sqrt(np.maximum(chi2 / 2, 1.0))
         return Agreement(mean, spread * np.sqrt(var), spread, np.stack([means, np.sqrt(variances)], axis=1))
+
+
+@lru_cache(maxsize=8)  # the ends of the first two thirds stay the same for many frames
+def _of_third(first: _End | None, last: _End) -> tuple[Array, Array]:
+    """Return means and variances (t,) of the terms, in amplitudes of prior σ = 1, by the frames between two ends."""
+    information, weighted = last.information, last.weighted
+    if first is not None:
+        information, weighted = information - first.information, weighted - first.weighted
+    values, axes = np.linalg.eigh(information)
+    # a part that reduces the information along an axis says nothing there, neither how much nor what
+    share, says = 1 / (1 + np.maximum(values, 0.0)), values > 0
+    return (axes * (share * says)) @ (axes.T @ weighted), axes**2 @ share

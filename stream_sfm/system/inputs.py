@@ -65,11 +65,10 @@ class Limits(NamedTuple):
 LIMITS = Limits()
 Decoder = Callable[[bytes], Any]
 INT64 = 2**63  # whole numbers are smaller: sizes, stamps in nanoseconds
-_STEP = re.compile(r"(?P<opens>[\[{]|<\w)|[\]}]|</|/>")
-_DEEP_LINE = re.compile(
-    rf"^(?: {{{LIMITS.indent}}}|\t{{{LIMITS.depth}}}|[ \t]*(?:[-?] +){{{LIMITS.depth}}})[ \t]*\S", re.MULTILINE
-)
-_DOTTED_LINE = re.compile(rf"^(?:[^.\n]*\.){{{LIMITS.dots}}}", re.MULTILINE)
+# Compiled when a text is first parsed, which takes a millisecond and few runs need.
+_STEP = r"(?P<opens>[\[{]|<\w)|[\]}]|</|/>"
+_DEEP_LINE = rf"(?m)^(?: {{{LIMITS.indent}}}|\t{{{LIMITS.depth}}}|[ \t]*(?:[-?] +){{{LIMITS.depth}}})[ \t]*\S"
+_DOTTED_LINE = rf"(?m)^(?:[^.\n]*\.){{{LIMITS.dots}}}"
 
 
 def open_regular(path: str | Path, buffering: int = -1) -> IO[bytes]:
@@ -126,13 +125,13 @@ def parse_toml(text: str) -> dict[str, Any]:
 def check_text(text: str) -> None:
     """Raise ValueError if a text in TOML, YAML, JSON or XML is nested too deeply for a parser that recurses."""
     depth = 0
-    for step in _STEP.finditer(text):
+    for step in re.finditer(_STEP, text):
         depth += 1 if step["opens"] else -1
         if depth > LIMITS.depth:
             raise ValueError(f"its brackets are nested more than {LIMITS.depth} deep")
-    if _DEEP_LINE.search(text):
+    if re.search(_DEEP_LINE, text):
         raise ValueError("a line is indented or nested too deeply")
-    if _DOTTED_LINE.search(text):
+    if re.search(_DOTTED_LINE, text):
         raise ValueError(f"a line holds {LIMITS.dots} dots or more")
     if text.count("<<") > LIMITS.merges:
         raise ValueError(f"it merges mappings (<<) more than {LIMITS.merges} times")

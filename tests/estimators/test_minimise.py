@@ -83,11 +83,11 @@ def test_a_frame_is_degraded_if_the_joint_minimum_rejects_its_views(arc, monkeyp
         if current.frames[-1].index == last:
             views = current.views
             known = core.among(views.ids, current.marginals.ids) & (views.frame == len(current.frames) - 1)
-            used = views.used & ~(known & (np.cumsum(known & views.used) > 12))
+            used = views.used & ~(known & (np.cumsum(known & views.used) > 11))
             current = changed(current, views=changed(views, used=used))
         return current, steps
 
     monkeypatch.setattr(cross_frame, "minimised", refuse)
     *before, refused = run("cross-frame", arc.projection, arc.observations, config)
     assert before[-1].status is Status.OK
-    assert refused.status is Status.DEGRADED and "only 12 accepted views" in refused.reason
+    assert refused.status is Status.DEGRADED and "only 11 accepted views" in refused.reason

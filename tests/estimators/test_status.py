@@ -13,9 +13,9 @@ from stream_sfm.types import Status
         (100, 300, Status.OK),  # another rule judges shares of many views, by their history
         (25, 100, Status.OK),
         (24, 100, Status.DEGRADED),
-        (24, 44, Status.OK),
-        (13, 40, Status.DEGRADED),
-        (12, 20, Status.OK),
+        (24, 96, Status.OK),
+        (13, 56, Status.DEGRADED),
+        (12, 48, Status.OK),
         (11, 11, Status.DEGRADED),
     ],
 )

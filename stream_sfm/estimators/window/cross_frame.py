@@ -139,6 +139,7 @@ class CrossFrame(TakesSamples):
         current, motion, rejected, views, corrected_px = self._initial_motion(current, observations, frame, views)
         self.map = current
         motion, frame = self.inertia.judge(motion, changed(frame, twist_size=self._sizes[-1].probable))
+        current = changed(current, rejections=current.rejections.of_live(views.ids))
         if len(current.frames) == self.config.window.frames:
             current = absorbed_oldest(current)
         self.waiting = False
@@ -225,6 +226,7 @@ class CrossFrame(TakesSamples):
         rows, points, cov = core.points_seen_again(
             views.ids, views.var_drift, previous.ids, previous.q_in_cam, previous.cov_q_in_cam
         )
+        rows, points, cov = columns_at((rows, points, cov), ~current.rejections.excluded(views.ids[rows]))
         if len(rows) < robust.min_inliers:
             raise LostError(too_few_inliers(0, len(rows), robust))
         start = observations.cam_from_previous
@@ -310,7 +312,7 @@ def _solution_of(
 ) -> Solution:
     """Return the status of the newest frame with the marginals and the window's poses; `known`: points before it."""
     now, ids, used = current.marginals, current.views.ids[current.newest], current.views.used[current.newest]
-    sought = core.among(ids, known)
+    sought = core.among(ids, known) & ~current.rejections.excluded(ids)
     counts = int(np.count_nonzero(used & sought)), int(np.count_nonzero(sought))  # accepted by the joint minimum, too
     status, reason = frame_status(*counts, observations.note, rules.of(RobustRules), motion)
     shown = core.among(now.ids, ids[used]) & now.finite

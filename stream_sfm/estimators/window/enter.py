@@ -14,6 +14,7 @@ from ...types import Solution
 from .inverse_depth import State, WhitenedViews, at_rest, expected, held, points_alone, q_of_views
 from .map_points import MapPoints
 from .minimise import gauss_newton_step
+from .outliers import Rejections
 from .prior import Prior
 from .rig_state import RigState
 from .state import WindowState
@@ -53,6 +54,7 @@ def begun(
             first_views=views,
             places=(views.ids, views.expected_px),
             points=changed(points, q=q),
+            rejections=Rejections(rules),
             prior=prior,
             amplitudes=np.zeros(prior.modes.shape[2]),
             focus=FocusWatch.begun(rig.rules),
@@ -75,7 +77,7 @@ def entered(
     Points that are not in the map yet start at their stereo view; `corrected_px` (V, 4): the views without the rig's
     errors. `own` (1, e): initial amplitudes of the errors that the views share.
     """
-    wanted = ~core.among(views.ids, rejected)
+    wanted = ~(current.rejections.excluded(views.ids) | core.among(views.ids, rejected))
     known = core.among(views.ids, current.points.ids)
     new = ~known & views.stereo & wanted
     again = core.among(current.dropped, views.ids[new])
@@ -106,13 +108,15 @@ def entered(
 
 
 def with_rejected(current: WindowState, rejected: NDArray[np.int64]) -> WindowState:
-    """Drop points whose tracks disagree with the motion to the next frame, if they have only one view in the map.
+    """Count the tracks that disagree with the motion to the next frame.
 
-    That view may be the wrong one instead of the rejected one: the point starts again with the track's next view.
+    If a track has only one view in the map, that view may be the wrong one instead of the rejected one: the point is
+    dropped, and starts again with the track's next view.
     """
     views, points = current.views, current.points
     seen = core.times_among(rejected, views.ids, views.used)
     young = rejected[(seen <= 1) & ~core.among(rejected, current.prior.ids)]
+    current = changed(current, rejections=current.rejections.with_more(rejected))
     if not len(young):
         return current
     return changed(

@@ -77,4 +77,5 @@ def gated(current: WindowState, probability: float) -> WindowState:
     """Stop using the views that contradict the joint minimum, each by its own covariance and slide, eq. (26a)."""
     views, gates = current.views, (chi2_gate(2, probability), chi2_gate(4, probability))
     used = core.views_within_gates(current.projection, current.state, views, views.var_drift, *gates)
-    return changed(current, views=changed(views, used=used))
+    rejections = current.rejections.with_more(views.ids[views.used & ~used])
+    return changed(current, rejections=rejections, views=changed(views, used=used))

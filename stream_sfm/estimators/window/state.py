@@ -22,6 +22,7 @@ from .inertia.interval import JOINT
 from .inverse_depth import State, WhitenedViews
 from .map_points import MapPoints
 from .normal_equations import System
+from .outliers import Rejections
 from .prior import Prior
 from .reported.marginals import Marginals
 from .rig_state import RigState
@@ -41,8 +42,8 @@ class WindowState:
     Of views: `views`, of these frames in their order, used or not; `first_views`: those of the reference while nothing
     else is in the prior; `places`: ids and expected places (n, 4) of the newest frame's tracks.
 
-    Of points: `points`, all of the map; `dropped`: ids of those that start again with their next view; `restarted`: of
-    those that the newest frame started again.
+    Of points: `points`, all of the map; `rejections` of their tracks; `dropped`: ids of those that start again with
+    their next view; `restarted`: of those that the newest frame started again.
 
     Of earlier frames: the `prior`, and the `amplitudes` (k,) of its modes. `ambiguous_motions`: further uncertainty of
     the newest pose; `focus`: whether the focal length changes.
@@ -60,6 +61,7 @@ class WindowState:
     first_views: WhitenedViews | None
     places: tuple[NDArray[np.int64], Array]
     points: MapPoints
+    rejections: Rejections
     prior: Prior
     amplitudes: Array
     focus: FocusWatch

@@ -101,7 +101,7 @@ class PairFit:
             left_px = CorrectedViews(np.where([True, True, False, False], found.z_px, np.nan))
             views = PointViews(projection, *points, left_px, found.cov_px, config.rules.of(RobustRules))
             root, _ = views.linearise(motion.cam_from_ref)
-            left = left | (views.squared_residuals(motion.cam_from_ref, root) < views.gate)
+            left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
         missing = before.ids[inside & ~has_right]
         counts = inside & (has_right | ~core.among(before.ids, missed))  # not those that are missing again
         return cls(before.ids[counts], left[counts], both[counts], found.has_samples, missing)

@@ -200,7 +200,8 @@ def _without_body(step: Step, start: StartCheck, seen: Seen, motion: Resection) 
     body = body.after(nats)
     if not body.is_there:
         return motion, changed(start, body=body)
-    return other, _of_body(step, start, seen)
+    was_followed = bool((seen.before.agreed > 0).any())  # not in the first frame
+    return other, _of_body(step, start, seen) if was_followed else start
 
 
 def _of_body(step: Step, start: StartCheck, seen: Seen) -> StartCheck:
@@ -232,13 +233,17 @@ def _without(step: Step, seen: Seen, motion: Resection, apart: NDArray[np.bool_]
         return motion, nats
     less = -2 * float(np.log(motion.ambiguous_share)) * noise
     body = motion.accepted & (other.squared_residuals > motion.squared_residuals + less)
-    fit = refine(views.select(~body), seen.weights[~body], other.cam_from_ref, other.amplitudes)
-    scene = judged(fit, views, seen.weights)
-    behind, before = (seen.before.keep(rows) for rows in (scene.accepted & agreed, body & apart))
-    if not fit.ok or not is_behind(step.setup, behind, before, fewest=1):
+    alone = refine(views.select(~body), seen.weights[~body], other.cam_from_ref, other.amplitudes)
+    scene = judged(alone, views, seen.weights)
+    tracks, counts = seen.before, motion.accepted & ~body
+    if not alone.ok or not is_behind(step.setup, tracks.keep(scene.accepted & agreed), tracks.keep(body & apart), 1):
         return None
+    others = scene.accepted & ~motion.accepted
+    if is_behind(step.setup, tracks.keep(others), tracks.keep(body), fewest=1):
+        counts |= others  # otherwise these may be on a body, and the first ones not
+    fit = log_odds(scene, motion, counts, views.gate) - 0.5 * views.settings.halves_apart
     second = SecondMotion(motion.cam_from_ref, motion.cov_pose, body, 0.0, in_front=True)
-    return changed(scene, accepted=scene.accepted & ~body, second=second), nats
+    return changed(scene, accepted=scene.accepted & ~body, second=second), min(nats, fit)
 
 
 def _distance2(motion: Resection, other: Resection | SecondMotion) -> float:
