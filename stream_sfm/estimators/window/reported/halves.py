@@ -20,7 +20,6 @@ from ....record import changed, record
 from ..inverse_depth import State, linearise
 from ..minimise import without_undetermined
 from ..state import WindowState
-from .relative import apart_from_newest
 from .rules import ReportedRules
 
 _TRACE = 1e-6  # share of the prior's information about points, which moves no half by a thousandth of its σ
@@ -122,10 +121,20 @@ def _poses_by(of: WindowState, parts_of: NDArray[np.int64], parts: int) -> list[
     return list(zip(*found, strict=True))
 
 
+def _apart_from_newest(from_newest: Array, of_poses: Array) -> Array:
+    """Return J of eq. (74) times a matrix (6F, n), for the reference and every camera of F but the newest.
+
+    `from_newest` (F − 1, 4, 4): the motions from the newest camera to these cameras, without the reference.
+    """
+    moved = se3.adjoint(se3.inverse(from_newest))
+    by_pose = of_poses.reshape(len(moved) + 1, 6, -1)
+    return np.concatenate([-by_pose[-1:], moved @ by_pose[:-1] - by_pose[-1]])
+
+
 def _squares(from_newest: Array, one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
     """Return δᵀC⁻¹δ/6 (f,) from the information and right-hand sides of two halves; shortest span first."""
     roots = [Cholesky(information, repair=False).root for information, _ in (one, other)]
     steps = [root @ (root.T @ right) for root, (_, right) in zip(roots, (one, other), strict=True)]
-    (apart,) = apart_from_newest(from_newest, np.column_stack([*roots, steps[0] - steps[1]]))
+    apart = _apart_from_newest(from_newest, np.column_stack([*roots, steps[0] - steps[1]]))
     cov = apart[..., :-1] @ np.swapaxes(apart[..., :-1], 1, 2)
     return mahalanobis2(apart[..., -1], cov)[::-1] / 6

@@ -14,16 +14,6 @@ from ..inertia.interval import JOINT
 from ..state import WindowState
 
 
-def apart_from_newest(from_newest: Array, *of_poses: Array) -> list[Array]:
-    """Return J of eq. (74) times each matrix (6F, n), for the reference and every camera of F but the newest.
-
-    `from_newest` (F − 1, 4, 4): the motions from the newest camera to these cameras, without the reference.
-    """
-    moved = se3.adjoint(se3.inverse(from_newest))
-    by_pose = [each.reshape(len(moved) + 1, 6, -1) for each in of_poses]
-    return [np.concatenate([-each[-1:], moved @ each[:-1] - each[-1]]) for each in by_pose]
-
-
 def newest_motion(current: WindowState) -> Array:
     """Return the motion (4, 4) from the newest frame to the previous one, which may be the reference."""
     earlier = current.true_cams[-2] if len(current.frames) > 1 else np.eye(4)
