@@ -186,7 +186,7 @@ def _begin(
     begun = z_px[:, :2], cov_px[:, :2, :2], points, var_rho, slopes, scale
     errors = state.errors.with_new(state.next_id + np.arange(len(rows), dtype=np.int64), apart_px[rows])
     state = begin_tracks(changed(state, errors=errors), slots[rows], *begun)
-    return state, z_px + turned_px(setup.projection, z_px, state.unusual_rad), cov_px
+    return state, z_px + turned_px(setup.projection, z_px, state.unusual_rad), state.rows.of_matches(cov_px)
 
 
 def _learn_rows(state: FrontEndState, z_px: Array, twist: Array) -> tuple[FrontEndState, RightSides]:

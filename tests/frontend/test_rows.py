@@ -107,6 +107,16 @@ def test_smooth_differences_are_learnt(wrong: float) -> None:
     assert not agree(rows, GRID, GRID + 6 * rows.scatter_px * down).any()
 
 
+def test_rows_of_new_matches_err_as_those_of_the_run_do() -> None:
+    """Their images may show σ of a third: then the right row gets the rest. If they show it all, nothing changes."""
+    rows = learnt(np.random.default_rng(3), 20, NO_FIELD)
+    noise, left, right = rows.unexplained_px, 0.2, 0.3
+    seen, other = (np.diag([1, left**2, 1, right**2]) * share**2 * noise**2 for share in (1.0, 4.0))
+    cov = rows.of_matches(np.stack([seen, seen]))
+    assert np.all(cov[:, 1, 1] + cov[:, 3, 3] == pytest.approx(noise**2)) and np.all(cov[:, :3, :3] == seen[:3, :3])
+    assert np.all(rows.of_matches(np.stack([other, other])) == other) and not len(rows.of_matches(np.empty((0, 4, 4))))
+
+
 def test_nothing_is_claimed_before_anything_is_seen() -> None:
     rows = Rows.unknown(P, Config())
     assert (offsets_px(rows, GRID) == 0).all()

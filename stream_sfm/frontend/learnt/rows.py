@@ -115,6 +115,13 @@ class Rows:
         known = std_px < self.rules.known_px
         return float(np.sqrt((difference_px[known] ** 2).mean())) if known.any() else float("nan")
 
+    def of_matches(self, cov_px: Array) -> Array:
+        """Return the covariances (n, 4, 4) of new matches, whose rows err as those of this run do, eq. (19c)."""
+        if not len(cov_px):
+            return cov_px
+        beyond_px2 = self.unexplained_px**2 - median(cov_px[:, 1, 1] + cov_px[:, 3, 3])
+        return cov_px + np.diag([0, 0, 0, max(beyond_px2, 0.0)])
+
     def after(self, z_px: Array, twist: Array, std_turning_rad_s: float) -> "Rows":
         """Return the rows after new views (n, 4) of a frame whose points move with a twist (6,).
 
