@@ -57,9 +57,7 @@ def squared_errors(estimates: list[sfm.FrameEstimate]) -> np.ndarray:
 @pytest.mark.parametrize("turn", TURNS)
 def test_a_knock_is_found_and_measured_and_poses_stay_right(turn: str) -> None:
     estimates = estimated(turn)
-    degraded = [e.frame_index for e in estimates if e.status == sfm.Status.DEGRADED]
-    assert degraded == [KNOCK, KNOCK + 1, KNOCK + 2]
-    assert all("relative to the left" in estimates[k].reason for k in degraded)
+    assert all(e.status == sfm.Status.OK for e in estimates[1:])  # of each frame, the turn is one more unknown
     (found,) = [e for e in estimates if e.rig_change is not None]
     assert found.frame_index == KNOCK + 3 and found.rig_change is not None
     assert found.rig_change.frame_index == KNOCK
@@ -93,8 +91,7 @@ def test_one_frame_with_a_turned_image_changes_the_map_for_no_other() -> None:
     engine, still = sfm.Engine(rig()), estimated("")
     seen = [frames("yaw")[k] if k == KNOCK else frame for k, frame in enumerate(frames(""))]
     estimates = [engine.step(frame) for frame in seen]
-    assert [e.frame_index for e in estimates if e.status == sfm.Status.DEGRADED] == [KNOCK]
-    assert not any(e.rig_change for e in estimates)
+    assert estimates[KNOCK].status == sfm.Status.OK and not any(e.rig_change for e in estimates)
     apart = se3.log(se3.inverse(still[-1].world_from_cam) @ estimates[-1].world_from_cam)
     assert apart @ np.linalg.solve(still[-1].cov_pose, apart) < 6  # less than an ordinary error
 

@@ -116,6 +116,8 @@ class Rows(Protocol):
     @property
     def scatter_px(self) -> float: ...
     @property
+    def unexplained_px(self) -> float: ...
+    @property
     def max_px(self) -> float: ...
     @property
     def rules(self) -> RowGates: ...
@@ -367,6 +369,8 @@ class ApparentTurns(Protocol):
     def per_s(self) -> Array: ...
     @property
     def var_delay_s2(self) -> float: ...
+    @property
+    def std_rad(self) -> float: ...
 
 class Turn(Protocol):
     @property
@@ -626,7 +630,6 @@ def errors_of_motions(seconds: Array, period: float) -> Array: ...
 def expected_views(
     pinholes: Pinholes, state: WindowState, views: WindowViews, stereo: Mask, expected_px: Array
 ) -> Array: ...
-def explained_by(effects: Array, rest: Array, half_weight: float, reweightings: int) -> Array: ...
 def field_basis(field: Field, left_px: Array) -> Array: ...
 def fit_motion(
     views: Views, cam_from_ref: Array, amplitudes: Array, votes: Array, rules: ResectionRules, anneal: bool
@@ -636,10 +639,11 @@ def fit_rows(
     left_px: Array,
     difference_px: Array,
     row_speed_px_s: Array,
+    own_px: Array,
     step_px: float,
     half_weight: float,
     reweightings: int,
-) -> tuple[Array, Array, Array, Array]: ...
+) -> tuple[Array, Array, Array, Array, Array]: ...
 def fit_turn(views: Views, cam_from_ref: Array, usual: Array, rules: TurnRules) -> tuple[Array, Array, Mask, float]: ...
 def followed_pose(
     before: Array,
@@ -760,6 +764,7 @@ def reported_points(
 def resect(
     views: Views,
     cam_from_ref: Array,
+    amplitudes: Array,
     votes: Array,
     rules: ResectionRules,
     wanted: Wanted,

@@ -21,13 +21,14 @@ view in the share. Raises LinAlgError like `linearise_views`.)",
         "views"_a, "cam_from_ref"_a, "amplitudes"_a, "votes"_a, "rules"_a, "anneal"_a);
     def<&resect>(m, "resect", R"(Return the motion of the views, whatever the start (4, 4), and a second one that others share, eqs. (20) to (23).
 
+`amplitudes` (j,): of the shared errors at the start.
 `votes` (n,) are the weights of views. If too few agree with the result from the start, the whole space of motions is
 searched for the one with the largest support: each view adds its vote, reduced by the share of the gate that its
 squared residual uses up, and the extent of the agreeing views in the image adds a little. Random numbers depend only on
 the number of views. With a predicted motion (4, 4) the result is that of one rigid scene: if halves of the views
 disagree (near and far, left and right, or upper and lower ones), the motion is sought again from theirs and from the
 predicted one.)",
-        "views"_a, "cam_from_ref"_a, "votes"_a, "rules"_a, "wanted"_a, "predicted"_a.none());
+        "views"_a, "cam_from_ref"_a, "amplitudes"_a, "votes"_a, "rules"_a, "wanted"_a, "predicted"_a.none());
     def<&motion_of_flow>(m, "motion_of_flow", R"(Return the motion (4, 4) of tracks from the left positions (n, 2) that flow has `found` (n,), eq. (20).
 
 `std_flow_px` is their σ in template pixels. Returns whether there is a motion, the motion, which tracks agree (n,), and

@@ -68,13 +68,10 @@ and the field.)",
     def<&fit_rows>(m, "fit_rows", R"(Return the estimate of rows after matches at (n, 2), whose rows differ by (n,) px: information (k, k) and mean (k,).
 
 The `weighted` sum (k,) is their product. Speeds are as in `row_terms`. Coefficients have changed by σ `step_px` since
-the last frame. Matches have Cauchy weights of width `half_weight`, in σ, with that number of reweightings. Also returns
-the residuals (n,) px. Raises LinAlgError if a covariance is not definite.)",
-        "rows"_a, "left_px"_a, "difference_px"_a, "row_speed_px_s"_a, "step_px"_a, "half_weight"_a, "reweightings"_a);
-    def<&explained_by>(m, "explained_by", R"(Return the part (n,) of what is left (n,), in σ, that amplitudes of σ = 1 with these effects (n, k) explain.
-
-What is left has Cauchy weights of width `half_weight`, in σ, with that number of reweightings.)",
-        "effects"_a, "rest"_a, "half_weight"_a, "reweightings"_a);
+the last frame. `own_px` (n, e): effects of errors of this frame alone, of σ = 1. Matches have Cauchy weights of width
+`half_weight`, in σ, with that number of reweightings. Also returns the residuals (n,) px without and with the frame's
+own errors. Raises LinAlgError if a covariance is not definite.)",
+        "rows"_a, "left_px"_a, "difference_px"_a, "row_speed_px_s"_a, "own_px"_a, "step_px"_a, "half_weight"_a, "reweightings"_a);
     def<&on_one_row>(m, "_on_one_row", R"(Return which left and right positions (n, 2), the right ones corrected for row differences, lie on one row.
 
 Speeds are as in `row_terms`. The gate is `scale` times as wide.)",

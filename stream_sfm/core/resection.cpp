@@ -14,8 +14,8 @@ enum : std::size_t { LEAST = 16 };  // views; fewer are not enough for two halve
 
 class Resection {
    public:
-    Resection(const PointViews& views, Vector votes, const ResectionRules& rules, const Wanted& wanted)
-        : views(views), votes(votes), rules(rules), wanted(wanted), n(views.points.shape[0]) {}
+    Resection(const PointViews& views, Vector amplitudes, Vector votes, const ResectionRules& rules, const Wanted& wanted)
+        : views(views), amplitudes(amplitudes), votes(votes), rules(rules), wanted(wanted), n(views.points.shape[0]) {}
 
     Fitted fit(Matrix start, Vector amplitudes, bool anneal) const {
         return fit_motion(views, start, amplitudes, votes, rules, anneal);
@@ -23,7 +23,6 @@ class Resection {
 
     // The motion that most views agree with, from a start, without annealing if the start is close.
     Fitted first(Matrix start) const {
-        Array<double, 1> amplitudes(views.shared.shape[2]);  // none
         if (wanted.start_is_close) {
             Fitted found = fit(start, amplitudes, false);
             if (found.ok && (wanted.start_is_decided || nearly_all_agree(found))) return found;
@@ -41,7 +40,7 @@ class Resection {
     // Far points agree with any translation that a rotation compensates. So if flow has followed a few near points of a body, all
     // far points may agree with their motion, each within its gate. The votes and the shared errors decide together.
     Fitted better(Fitted found, Matrix predicted) const {
-        Fitted other = fit(predicted, Array<double, 1>(views.shared.shape[2]), false);
+        Fitted other = fit(predicted, amplitudes, false);
         bool same = found.ok && other.ok && are_one(found.cam_from_ref, found.cov_pose, other.cam_from_ref, other.cov_pose);
         return other.ok && !same && (!found.ok || support(other) > support(found)) ? std::move(other) : std::move(found);
     }
@@ -186,6 +185,7 @@ class Resection {
     }
 
     const PointViews& views;
+    Vector amplitudes;  // of the shared errors, from which the first motion is sought
     Vector votes;
     const ResectionRules& rules;
     const Wanted& wanted;
@@ -194,9 +194,10 @@ class Resection {
 
 }  // namespace
 
-Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules, const Wanted& wanted,
-                std::optional<Matrix> predicted) {
-    Resection resection(views, votes, rules, wanted);
+Resected resect(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, const ResectionRules& rules,
+                const Wanted& wanted, std::optional<Matrix> predicted) {
+    require_shape(amplitudes, {views.shared.shape[2]}, "amplitudes");
+    Resection resection(views, amplitudes, votes, rules, wanted);
     if (!predicted) return resection.with_second(resection.first(start));
     require_shape(*predicted, {4, 4}, "predicted");
     Resected found = resection.with_second(resection.better(resection.first(start), *predicted));
@@ -229,7 +230,7 @@ FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Ve
     std::vector<std::size_t> rows = rows_where(n, [&](std::size_t i) { return found.data[i]; });
     if (rows.size() < MIN_VIEWS) return result;
     SelectedViews seen({pinholes, tracks.points, cov_points, z, cov, none, gates}, rows);
-    Fitted motion = resect(seen.views(), start, rows_of(votes, rows), rules, {false, false, false, false}, std::nullopt).found;
+    Fitted motion = resect(seen.views(), start, Array<double, 1>(0), rows_of(votes, rows), rules, {false, false, false, false}, std::nullopt).found;
     for (std::size_t k = 0; k < rows.size(); k++) result.agree.data[rows[k]] = motion.accepted.data[k];
     result.ok = motion.ok;
     result.cam_from_previous = std::move(motion.cam_from_ref);

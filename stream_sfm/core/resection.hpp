@@ -71,8 +71,8 @@ struct FlowMotion {
 struct TrackTable;
 FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Vector votes, Matrix at, Flags found,
                           Matrix start, double std_flow, double gate, const ResectionRules& rules);
-Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules, const Wanted& wanted,
-                std::optional<Matrix> predicted);
+Resected resect(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, const ResectionRules& rules,
+                const Wanted& wanted, std::optional<Matrix> predicted);
 
 // turn.cpp
 // Adds (sign 1) or subtracts (-1) the effect of a turn (3,) of the right camera on right positions (n, 2).
@@ -85,8 +85,8 @@ struct TurnRules {
 struct ApparentTurnsView {
     Matrix cov_others;
     Vector per_s;
-    double var_delay_s2;
-    RECORD(ApparentTurns, cov_others, per_s, var_delay_s2)
+    double var_delay_s2, std_rad;
+    RECORD(ApparentTurns, cov_others, per_s, var_delay_s2, std_rad)
 };
 struct TurnView {
     Vector rad;

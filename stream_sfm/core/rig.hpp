@@ -17,11 +17,11 @@ UnknownOfViews unknown_errors(const Timing& timing, const RowModel& rows, Matrix
 
 struct FittedRows {
     Array<double, 2> information;
-    Array<double, 1> weighted, mean, left_over;
-    FIELDS(information, weighted, mean, left_over)
+    Array<double, 1> weighted, mean, left_over, unexplained;
+    FIELDS(information, weighted, mean, left_over, unexplained)
 };
-Array<double, 1> explained_by(Matrix effects, Vector rest, double half_weight, int reweightings);
-FittedRows fit_rows(const RowModel& rows, Matrix at, Vector difference, Vector speed, double step_px, double half_weight, int reweightings);
+FittedRows fit_rows(const RowModel& rows, Matrix at, Vector difference, Vector speed, Matrix own, double step_px, double half_weight,
+                    int reweightings);
 
 // rig.cpp
 struct RigEffects {

@@ -23,9 +23,9 @@ struct RowModel {
     Field field;
     Vector mean;
     Matrix cov;
-    double scatter_px, max_px;
+    double scatter_px, unexplained_px, max_px;
     RowGates rules;
-    RECORD(Rows, projection, field, mean, cov, scatter_px, max_px, rules)
+    RECORD(Rows, projection, field, mean, cov, scatter_px, unexplained_px, max_px, rules)
 };
 struct RightSides {  // predicts where they are sought: row differences, a turn of the right camera, the twist of points
     RowModel rows;

@@ -66,15 +66,17 @@ Array<double, 1> row_offsets(const RowModel& rows, Matrix at, Vector speed) {
     return result;
 }
 
-FittedRows fit_rows(const RowModel& rows, Matrix at, Vector difference, Vector speed, double step_px, double half_weight, int reweightings) {
+FittedRows fit_rows(const RowModel& rows, Matrix at, Vector difference, Vector speed, Matrix own, double step_px, double half_weight,
+                    int reweightings) {
     Array<double, 2> terms = row_terms(rows.projection, rows.field, at, speed);
-    std::size_t n = terms.shape[0], k = terms.shape[1];
+    std::size_t n = terms.shape[0], k = terms.shape[1], e = own.shape[1], all = k + e;
     require_shape(difference, {n}, "difference_px");
+    require_shape(own, {n, e}, "own_px");
     require_shape(rows.mean, {k}, "mean");
     require_shape(rows.cov, {k, k}, "cov of rows");
     require(reweightings >= 1 && reweightings <= 1000, "reweightings is not within 1 and 1000");
     const char* otherwise = "the covariance of rows is not positive definite";
-    FittedRows result{{k, k}, {k}, {k}, {n}};
+    FittedRows result{{k, k}, {k}, {k}, {n}, {n}};
     std::vector<double> factor(rows.cov.data, rows.cov.data + k * k), before(k * k), weighted(k);
     for (std::size_t a = 0; a < POLYNOMIAL; a++) factor[a * k + a] += step_px * step_px;
     require_definite(factor_positive(factor.data(), k), otherwise);
@@ -83,48 +85,52 @@ FittedRows fit_rows(const RowModel& rows, Matrix at, Vector difference, Vector s
         solve_factored(factor.data(), before.data() + a * k, k);
         weighted[a] = std::inner_product(rows.mean.data, rows.mean.data + k, before.data() + a * k, 0.0);
     }
-    double *information = result.information.data.get(), *mean = result.mean.data.get();
-    auto look = [&](std::size_t i) { result.left_over.data[i] = difference.data[i] - std::inner_product(mean, mean + k, terms[i], 0.0); };
-    std::copy_n(rows.mean.data, k, mean);
-    for (std::size_t i = 0; i < n; i++) look(i);
+    // the frame's own errors first: eliminating them leaves what it says of the rows
+    std::vector<double> information(all * all), right(all), mean(all), columns(n * all);
+    for (std::size_t i = 0; i < n; i++) std::copy_n(terms[i], k, std::copy_n(own[i], e, columns.data() + i * all));
+    auto look = [&] {
+        for (std::size_t i = 0; i < n; i++) {
+            const double* column = columns.data() + i * all;
+            result.left_over.data[i] = difference.data[i] - std::inner_product(column + e, column + all, mean.data() + e, 0.0);
+            result.unexplained.data[i] = result.left_over.data[i] - std::inner_product(column, column + e, mean.data(), 0.0);
+        }
+    };
+    std::copy_n(rows.mean.data, k, mean.data() + e);
+    look();
     for (int round = 0; round < reweightings; round++) {  // earlier frames keep their weight
-        std::copy(before.begin(), before.end(), information);
-        std::copy(weighted.begin(), weighted.end(), result.weighted.data.get());
-        for (std::size_t i = 0; i < n; i++) {
-            double residual = result.left_over.data[i] / rows.scatter_px / half_weight;
-            double weight = 1 / (1 + residual * residual) / (rows.scatter_px * rows.scatter_px);
-            add(weight * difference.data[i], terms[i], k, result.weighted.data.get());
-            for (std::size_t a = 0; a < k; a++) add(weight * terms[i][a], terms[i], a + 1, information + a * k);
+        std::fill(information.begin(), information.end(), 0.0);
+        std::fill(right.begin(), right.end(), 0.0);
+        for (std::size_t a = 0; a < e; a++) information[a * all + a] = 1;
+        for (std::size_t a = 0; a < k; a++) {
+            std::copy_n(before.data() + a * k, k, information.data() + (e + a) * all + e);
+            right[e + a] = weighted[a];
         }
-        factor.assign(information, information + k * k);
-        std::copy_n(result.weighted.data.get(), k, mean);
-        require_definite(solve_positive(factor.data(), mean, k), otherwise);
-        for (std::size_t i = 0; i < n; i++) look(i);
+        for (std::size_t i = 0; i < n; i++) {
+            double residual = result.unexplained.data[i] / rows.unexplained_px / half_weight;
+            double weight = 1 / (1 + residual * residual) / (rows.unexplained_px * rows.unexplained_px);
+            const double* column = columns.data() + i * all;
+            add(weight * difference.data[i], column, all, right.data());
+            for (std::size_t a = 0; a < all; a++) add(weight * column[a], column, a + 1, information.data() + a * all);
+        }
+        factor = information;
+        mean = right;
+        require_definite(solve_positive(factor.data(), mean.data(), all), otherwise);
+        look();
     }
-    for (std::size_t a = 0; a < k; a++)
-        for (std::size_t b = 0; b < a; b++) information[b * k + a] = information[a * k + b];
+    for (std::size_t a = 0; a < all; a++)
+        for (std::size_t b = 0; b < a; b++) information[b * all + a] = information[a * all + b];
+    for (std::size_t c = 0; c < e; c++)  // Schur complement, one own error after the other
+        for (std::size_t a = c + 1; a < all; a++) {
+            double share = information[a * all + c] / information[c * all + c];
+            for (std::size_t b = c + 1; b < all; b++) information[a * all + b] -= share * information[c * all + b];
+            right[a] -= share * right[c];
+        }
+    for (std::size_t a = 0; a < k; a++) {
+        std::copy_n(information.data() + (e + a) * all + e, k, result.information[a]);
+        result.weighted.data[a] = right[e + a];
+        result.mean.data[a] = mean[e + a];
+    }
     return result;
-}
-
-Array<double, 1> explained_by(Matrix effects, Vector rest, double half_weight, int reweightings) {
-    std::size_t n = effects.shape[0], k = effects.shape[1];
-    require_shape(rest, {n}, "rest");
-    require(reweightings >= 1 && reweightings <= 1000, "reweightings is not within 1 and 1000");
-    Array<double, 1> explained(n);
-    std::vector<double> information(k * k), amplitudes(k);
-    for (int round = 0; round < reweightings; round++) {
-        std::fill(amplitudes.begin(), amplitudes.end(), 0.0);
-        for (std::size_t i = 0; i < k * k; i++) information[i] = i % (k + 1) == 0;
-        for (std::size_t i = 0; i < n; i++) {
-            double residual = (rest.data[i] - explained.data[i]) / half_weight, weight = 1 / (1 + residual * residual);
-            add(weight * rest.data[i], effects[i], k, amplitudes.data());
-            for (std::size_t a = 0; a < k; a++) add(weight * effects[i][a], effects[i], k, information.data() + a * k);
-        }
-        require_definite(solve_positive(information.data(), amplitudes.data(), k), "the effects are not finite");
-        for (std::size_t i = 0; i < n; i++)
-            explained.data[i] = std::inner_product(amplitudes.begin(), amplitudes.end(), effects[i], 0.0);
-    }
-    return explained;
 }
 
 Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vector speed, double scale) {

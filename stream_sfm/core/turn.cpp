@@ -157,6 +157,7 @@ WeighedTurn weigh_turn(const UsualTurnsView& usual, const TurnView& turn, Vector
     for (int i = 0; i < 9; i++) {
         own[i] += turn.cov.data[i];
         with_usual[i] = own[i] + usual.measured.data[i];
+        if (i % 4 == 0) with_usual[i] += turn.apparent.std_rad * turn.apparent.std_rad;
         knocked[i] = with_usual[i] + (i % 4 == 0 ? usual.rules.std_rad * usual.rules.std_rad : 0.0);
     }
     double squared = squared_length(with_usual, turn.rad.data, log_det);

@@ -14,13 +14,14 @@ def initial_motion(
     observations: Observations,
     cam_from_previous_predicted: Array,
     weights: Array | None = None,
+    amplitudes: Array | None = None,
 ) -> Resection | None:
     """Find cam_from_previous by robust resection of views (n); None if too few agree or they do not determine it.
 
     The views are those among the `observations` that see points of the previous camera's local structure. The search
     starts from the motion that the front-end found, or else from the prediction of the motion model. If few views agree
     with the result, `resect` searches the whole space of motions, unless the front-end has decided between two.
-    `weights` (n,): as in `resect`.
+    `weights` (n,), `amplitudes` (j,): as in `resect`.
     """
     start, ambiguity = observations.cam_from_previous, observations.ambiguity
     try:
@@ -31,6 +32,7 @@ def initial_motion(
             find_second=start is None,
             start_is_close=start is not None,
             start_is_decided=ambiguity is not None and ambiguity.other_from_previous is not None,
+            amplitudes=amplitudes,
         )
     except np.linalg.LinAlgError:
         return None

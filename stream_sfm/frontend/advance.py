@@ -45,10 +45,15 @@ class Followed:
         return changed(self, z_px=views, cov_px=self.cov_px[rows], blurred_px=self.blurred_px[rows])
 
 
-def learn(state: FrontEndState, seen: Seen, motion: Resection, twist: Array) -> FrontEndState:
-    """Learn the noise of views from a frame's residuals, and remember the twist (6,) of its points."""
+def learn(step: Step, state: FrontEndState, seen: Seen, motion: Resection, twist: Array) -> FrontEndState:
+    """Learn the noise of views and the error of twists from a frame, and remember the twist (6,) of its points."""
     aligners = learn_noise(state.aligners, motion, seen.before.scale, seen.views.z_px)
-    return changed(state, aligners=aligners, timing=changed(state.timing, twist=twist))
+    timing, error = state.timing, state.turning_error
+    if step.by_inertia is None and timing.twist is not None and state.velocity.any():
+        velocity = se3.log(motion.cam_from_ref) / step.dt_s
+        error = error.after(timing.twist - 0.5 * (state.velocity + velocity))
+    timing = changed(timing, twist=twist, std_turning=step.std_turning(error))
+    return changed(state, aligners=aligners, timing=timing, turning_error=error)
 
 
 def advance(
@@ -79,7 +84,7 @@ def advance(
         ambiguity=ambiguity,
         start=_start(step, state, seen, motion, ambiguous),
     )
-    found = Found(seen.before, seen.found_px, seen.views.cov_px, motion, step.agreed_samples is not None)
+    found = Found(seen.before, seen.views.z_px, seen.views.cov_px, motion, step.agreed_samples is not None)
     blurred_px = _blurred_px(step, seen, motion)[rows]
     return state, Followed(motion.cam_from_ref, seen_px, cov_px, blurred_px, found, second, settled)
 

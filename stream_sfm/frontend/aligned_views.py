@@ -5,9 +5,11 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..geometry import Array
+from ..geometry.stereo import StereoProjection
 from ..geometry.view_stages import RawViews, TimedViews
 from ..pictures.prepared import PreparedImages
-from ..record import record
+from ..record import changed, record
+from ..rig_model.terms import by_turn
 from .alignment import WIDE
 from .rough_motion import RoughMotion
 from .state import FrontEndState, Setup
@@ -40,6 +42,15 @@ class AlignedViews:
         """Return some of the views as the images show them."""
         return RawViews(self.z_px.take(rows, axis=0) + self.taken_px.take(rows, axis=0))
 
+    def with_off_row(self, rows: NDArray[np.bool_]) -> "AlignedViews":
+        """Return the same, with those right sides of a mask (k,) of views that are off their rows."""
+        return changed(self, z_px=TimedViews(np.where(rows[:, None], self.any_row_px, self.z_px)))
+
+
+def turned_px(projection: StereoProjection, z_px: Array, rad: Array) -> Array:
+    """Return the effects (n, 4) px of a turn (3,) of the right camera on views (n, 4)."""
+    return by_turn(projection, z_px, rad[:, None])[..., 0] if rad.any() else np.zeros_like(z_px)
+
 
 def align(setup: Setup, state: FrontEndState, images: PreparedImages, rough: RoughMotion, twist: Array) -> AlignedViews:
     """Find the tracks (n) in the new images, near where a rough motion puts them, and return the views of those found.
@@ -64,5 +75,6 @@ def align(setup: Setup, state: FrontEndState, images: PreparedImages, rough: Rou
         z_px, any_row_px = (
             np.where(_RIGHT & setup.unseen_in_right(px)[:, None], np.nan, px) for px in (z_px, any_row_px)
         )
+    z_px, any_row_px = (px + turned_px(setup.projection, px, state.unusual_rad) for px in (z_px, any_row_px))
     views = TimedViews(z_px), cov_px, TimedViews(any_row_px)
     return AlignedViews(rows, in_view, points, *views, taken_px, *grey)

@@ -31,7 +31,7 @@ from .alignment import WIDE, TemplateAligner, valid_area
 from .learnt.disparity_error import DisparityError
 from .learnt.first_timing import learn_timing
 from .learnt.pair_check import PairCheck, PairFit, PairRules, problem_of, resolution_problem
-from .learnt.right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
+from .learnt.right_turn import TurnWatch, rig_change, with_turn
 from .learnt.rows import Rows
 from .learnt.template_errors import TemplateErrors, turn_of_slides
 from .learnt.timing import Timing
@@ -157,9 +157,7 @@ class StereoFrontEnd:
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of a frame that was followed, with the points that begin in it."""
         drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.slide_px, followed.blurred_px)
-        z_new, cov_new = RawViews(np.empty((0, 4))), np.empty((0, 4, 4))
-        if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
-            state, z_new, cov_new = begin_points(self.setup, state, images)
+        state, z_new, cov_new = begin_points(self.setup, state, images)
         z_px = RawViews(np.concatenate([followed.z_px, z_new]))
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
@@ -228,11 +226,18 @@ class StereoFrontEnd:
             track_ids=ids,
             z_px=self.rig.as_refined(z_px),
             cov_px=cov_px,
-            note=self._turn_note(state.turn_watch) or note or _misfit(state),
+            note=note or _misfit(state),
             lasting=LastingErrors(std_drift_px, errors.inflation, std_turn_rad),
             rig=None
             if self.setup.config.rig.exact
-            else RigView(self.rig, state.rows.field_std_px, timing_px, state.rows.delay, state.turn_root),
+            else RigView(
+                self.rig,
+                state.rows.field_std_px,
+                timing_px,
+                state.rows.delay,
+                state.turn_root,
+                np.zeros(0) if state.turn_watch is None else state.turn_watch.larger,
+            ),
             **{"ambiguity": _ambiguity(None, state)} | others,
         )
         return changed(state, errors=errors), observed
@@ -246,16 +251,6 @@ class StereoFrontEnd:
         n_in_both = int(np.count_nonzero(np.isfinite(z_px[:, 2])))
         enough = self.setup.rules.of(RobustRules).min_inliers
         return image_note(images, state.previous, len(z_px), n_in_both, enough, rules)
-
-    def _turn_note(self, watch: TurnWatch | None) -> str:
-        """Return the note that the right camera seems to have turned, or an empty string."""
-        if watch is None or not watch.unusual:
-            return ""
-        shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1].rad)
-        return (
-            f"right image shifted by {shift_px:.2f} px relative to the left; using the left image only until the cause "
-            "is clear"
-        )
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """Return the state updated with an estimator's latest estimate of the rig, in units of σ."""

@@ -16,6 +16,7 @@ from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
 from ..geometry.view_stages import RawViews
 from ..pictures.prepared import PreparedImages
 from ..record import changed
+from .aligned_views import turned_px
 from .alignment import WIDE
 from .state import FrontEndState, RightSides, Setup
 from .templates import JUST_CUT
@@ -179,11 +180,13 @@ def _begin(
         seen = ~setup.unseen_in_right(z_px)
         rows, z_px, points, var_rho = rows[seen], z_px[seen], points[seen], var_rho[seen]
     cov_px, slopes = cov_px[rows], slopes[rows] / setup.projection.baseline_m
-    by_turn_px2 = (state.with_turn(z_px, cov_px) - cov_px)[:, 2, 2]
+    turn_left = np.zeros((3, 0)) if state.turn_watch is None else state.turn_watch.root_left
+    by_turn_px2 = (core.with_turn(setup.projection, z_px, cov_px, turn_left) - cov_px)[:, 2, 2]
     var_rho = var_rho + by_turn_px2 / (setup.projection.f_px * setup.projection.baseline_m) ** 2
     begun = z_px[:, :2], cov_px[:, :2, :2], points, var_rho, slopes, scale
     errors = state.errors.with_new(state.next_id + np.arange(len(rows), dtype=np.int64), apart_px[rows])
-    return begin_tracks(changed(state, errors=errors), slots[rows], *begun), z_px, cov_px
+    state = begin_tracks(changed(state, errors=errors), slots[rows], *begun)
+    return state, z_px + turned_px(setup.projection, z_px, state.unusual_rad), state.rows.of_matches(cov_px)
 
 
 def _learn_rows(state: FrontEndState, z_px: Array, twist: Array) -> tuple[FrontEndState, RightSides]:
@@ -192,7 +195,7 @@ def _learn_rows(state: FrontEndState, z_px: Array, twist: Array) -> tuple[FrontE
     While the velocity is unknown, the state keeps the views until the next frame, because a late camera would look like
     wrong rows.
     """
-    learnt = changed(state, rows=state.rows.after(z_px, twist))
+    learnt = changed(state, rows=state.rows.after(z_px, twist, state.timing.std_turning))
     now = changed(state, rows_waiting=z_px) if state.timing.twist is None else learnt
     return now, learnt.right_sides(twist)
 

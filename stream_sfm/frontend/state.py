@@ -24,7 +24,7 @@ from .learnt.pair_check import PairCheck, PairRules
 from .learnt.right_turn import TurnWatch
 from .learnt.rows import Rows
 from .learnt.template_errors import TemplateErrors
-from .learnt.timing import Timing
+from .learnt.timing import Timing, TurningError
 from .rules import ErrorRules
 from .second_motions.ambiguity import AmbiguityMemory
 from .second_motions.start_check import StartCheck
@@ -102,6 +102,7 @@ class FrontEndState:
       latest ones were those of `previous`. `tracks`: the points that are followed; `next_id`: the id of the next new
       one. `cam_from_start` (4, 4): the front-end's own chain of motions,
       which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second;
+      `turning_error`: of twists that follow from it;
       `unsteadiness`: how much motions change, None before there are two.
     - `aligners`: templates and noise of views; `rows`, `timing`: the estimated errors of the cameras; `turn_rad` (3,):
       the turn of the right camera since its calibration for which right views are corrected, since frame `turned_at`;
@@ -133,6 +134,7 @@ class FrontEndState:
     next_id: int = 0
     cam_from_start: Array = field(default_factory=lambda: np.eye(4))
     velocity: Array = field(default_factory=lambda: np.zeros(6))
+    turning_error: TurningError = TurningError()
     unsteadiness: Unsteadiness | None = None
     background_hidden: bool = False
     ambiguity: AmbiguityMemory = field(default_factory=AmbiguityMemory)
@@ -147,6 +149,11 @@ class FrontEndState:
         """A root (3, e), rad, of the covariance of the right camera's turns from frame to frame."""
         return np.zeros((3, 0)) if self.turn_watch is None else self.turn_watch.usual.root
 
+    @property
+    def unusual_rad(self) -> Array:
+        """The turn (3,) of the right camera in the latest frame if it is unusual, else zero."""
+        return np.zeros(3) if self.turn_watch is None else self.turn_watch.unusual_rad
+
     def with_turn(self, z_px: Array, cov_px: Array) -> Array:
         """Return covariances (n, 4, 4) of views (n, 4) as depth measurements, with that of the turn of their frame."""
         return core.with_turn(self.rows.projection, z_px, cov_px, self.turn_root)
@@ -158,7 +165,7 @@ class FrontEndState:
 
     def right_sides(self, twist: Array) -> RightSides:
         """Return where right sides of points with a twist (6,) are sought."""
-        return RightSides(self.rows_with_delay, self.turn_rad, twist)
+        return RightSides(self.rows_with_delay, self.turn_rad + self.unusual_rad, twist)
 
     def followed_from(self, images: PreparedImages, stamp_ns: int) -> "FrontEndState":
         """Return the state after a frame from whose images the next one is followed."""

@@ -1,5 +1,7 @@
 """The input of one step of the front-end: a frame, and the expected camera motion up to it."""
 
+import math
+
 import numpy as np
 
 from ..geometry import Array, se3
@@ -7,6 +9,7 @@ from ..geometry.resection import Resection
 from ..pictures.prepared import PreparedImages
 from ..record import record
 from ..types import ExpectedMotion
+from .learnt.timing import TurningError
 from .rules import MotionRules
 from .second_motions.unsteadiness import Unsteadiness
 from .state import FrontEndState, Setup
@@ -77,6 +80,10 @@ class Step:
         if self.by_inertia is None:
             return twist
         return 2 * se3.log(cam_from_previous) / self.dt_s - twist
+
+    def std_turning(self, error: TurningError) -> float:
+        """Return σ of the rotation of a twist about each axis, rad/s: a gyroscope measures it."""
+        return math.sqrt(error.mean_square) if self.by_inertia is None else 0.0
 
     @property
     def agreed_samples(self) -> ExpectedMotion | None:

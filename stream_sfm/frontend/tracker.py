@@ -3,13 +3,15 @@
 Depths come from the right image, or from the parallax of one camera (`mono/parallax.py`).
 """
 
+import numpy as np
+
 from ..geometry import Array
 from ..geometry.resection import Resection, resect
 from ..pictures.prepared import PreparedImages
 from ..record import changed
 from ..types import ExpectedMotion
 from .advance import Followed, advance, learn
-from .aligned_views import align
+from .aligned_views import AlignedViews, align
 from .learnt.first_timing import first_timed
 from .rough_motion import find_rough_motion
 from .rules import MotionRules
@@ -44,32 +46,39 @@ def follow(
             return state, None
     state, rough = smaller_of_alike(step, state, rough)
     twist = step.twist(state.velocity, rough.cam_from_previous)
-    state = first_timed(setup.projection, state, step.first_twist(twist, rough.cam_from_previous))
+    first = step.first_twist(twist, rough.cam_from_previous), step.std_turning(state.turning_error)
+    state = first_timed(setup.projection, state, *first)
     views = align(setup, state, images, rough, twist)
     seen, since_start = Seen.of(step, state, rough, twist, views), state.start
     state, motion = _agreed_motion(step, state, seen, rough.cam_from_previous)
     start = rough.cam_from_previous if motion is None else motion.cam_from_ref
-    state, by_left = _without_turned(state, seen, start)
-    if by_left is not None:
-        seen, state = by_left, changed(state, start=since_start)  # a frame is one event
+    state, turned = _turned(state, seen, start)
+    if turned is not None and state.turn_watch is not None:
+        seen = Seen.of(step, state, rough, twist, turned, state.turn_watch.larger)
+        state = changed(state, start=since_start)  # a frame is one event
         state, motion = _agreed_motion(step, state, seen, rough.cam_from_previous)
     if motion is None:
         return state, None
-    state = learn(state, seen, motion, twist)
+    state = learn(step, state, seen, motion, twist)
     return advance(step, state, seen, motion, rough.alike)
 
 
-def _without_turned(state: FrontEndState, seen: Seen, cam_from_previous: Array) -> tuple[FrontEndState, Seen | None]:
-    """Return the state after a frame near a motion (4, 4), and its left sides if it shows an unusual turn.
+def _turned(state: FrontEndState, seen: Seen, cam_from_previous: Array) -> tuple[FrontEndState, AlignedViews | None]:
+    """Return the state after a frame near a motion (4, 4), and its views if its turn was not expected.
 
-    The motion is then sought from these until it is clear whether the right camera has turned.
+    They are those that agree with it. Single views are gated once more then.
     """
     if state.turn_watch is None or seen.apparent_turns is None:
         return state, None
     points, cov_points = seen.point_views.points, seen.point_views.cov_points
     views = points, cov_points, seen.views.any_row_px, seen.views.cov_px
     watch, agree = state.turn_watch.judge(*views, cam_from_previous, seen.apparent_turns)
-    return changed(state, turn_watch=watch), None if agree is None else seen.by_left(agree)
+    state = changed(state, turn_watch=watch)
+    if agree is None:
+        return state, None
+    off_row = np.count_nonzero(agree & np.isnan(seen.views.z_px[:, 2]))
+    expected = not len(watch.larger) and off_row < seen.point_views.settings.second_views
+    return state, None if expected else seen.views.with_off_row(agree)
 
 
 def _agreed_motion(
@@ -80,7 +89,8 @@ def _agreed_motion(
     It is None if too few agree, or if a body hides the background. Its gate decides which tracks survive.
     """
     rules = step.setup.rules.of(MotionRules)
-    motion = resect(seen.point_views, start, seen.weights, step.predicted if rules.one_body else None)
+    predicted = step.predicted if rules.one_body else None
+    motion = resect(seen.point_views, start, seen.weights, predicted, amplitudes=seen.amplitudes)
     if not rules.poor_frames:
         motion = changed(motion, spread=1.0)
     motion, checked = choose(step, state, seen, motion)

@@ -69,12 +69,6 @@ class PointViews:
         seen = self.points, self.cov_points, self.z_px, self.cov_px
         return PointViews(self.projection, *seen, self.settings, self.shared * sizes)
 
-    def by_left(self) -> "PointViews":
-        """Return the same points with only the left sides of their views."""
-        left_px = CorrectedViews(np.where([True, True, False, False], self.z_px, np.nan))
-        seen = self.points, self.cov_points, left_px, self.cov_px
-        return PointViews(self.projection, *seen, self.settings, self.shared)
-
     def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
         """Return roots (n, 4, 4) that whiten the residuals, and the whitened Jacobian (n, 4, 6 + j).
 

@@ -89,6 +89,7 @@ def resect(
     start_is_close: bool = False,
     start_is_decided: bool = False,
     search: bool = False,
+    amplitudes: Array | None = None,
 ) -> Resection:
     """Find the motion `cam_from_ref` that brings points onto their views (n), eqs. (20)–(23), from a start (4, 4).
 
@@ -99,7 +100,7 @@ def resect(
     look for a second motion. `start_is_close`: the start is already the best motion, on which most views agree; if
     nearly all of them do, neither another start nor annealing is needed. `start_is_decided`: do not look for
     motions of other views. `search`: search the whole space of motions, however many views agree with the result
-    from the start.
+    from the start. `amplitudes` (j,): of the shared errors at the start (None: zero).
     """
     n, settings = len(views), views.settings
     if n < MIN_VIEWS:
@@ -107,7 +108,8 @@ def resect(
         return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
     weights = np.ones(n) if weights is None else weights
     wanted = Wanted(find_second, start_is_close, start_is_decided, search)
-    found, second = core.resect(views, cam_from_ref_start, weights, settings, wanted, predicted)
+    amplitudes = np.zeros(views.shared.shape[2]) if amplitudes is None else amplitudes
+    found, second = core.resect(views, cam_from_ref_start, amplitudes, weights, settings, wanted, predicted)
     other = None if second is None else filled(SecondMotion, second)
     return filled(Resection, found, second=other, ambiguous_share=settings.ambiguous_share)
 

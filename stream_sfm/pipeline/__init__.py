@@ -14,7 +14,7 @@ functions of a record that they replace, `FrontEndState` and `WindowState`, and 
     drop what is not the scene       overlays                     (known from earlier frames)
     expect each view                 first_timed, align           expect, _corrected
     agree on a motion                _agreed_motion               initial_motion
-    let the cameras explain more     _without_turned              weigh_unknowns
+    let the cameras explain more     _turned                      weigh_unknowns
     compare with samples             (in _agreed_motion)          inertia.judge
     go on to the new frame           learn, advance               absorbed_oldest, entered
     keep a second motion in mind     (in advance)                 with_second, settled

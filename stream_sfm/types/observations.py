@@ -102,7 +102,8 @@ class RigView:
     rows have it so far. `timing_px` (n, 4): view shifts predicted from the current delay and readout; `z_px` is
     uncorrected. `delay_by_rows`: the information that the rows have about the delay of the right camera, s⁻²,
     and its sum weighted by that, s⁻¹. `turn_root` (3, e): a root of the covariance of turns that the right camera has
-    from frame to frame, radians. `change`: the right camera has turned against the left one; the turn is taken
+    from frame to frame, radians, and `turn` (e,): the amplitudes of this frame's, if it is larger than those before, to
+    begin with. `change`: the right camera has turned against the left one; the turn is taken
     out of the views from this frame on, and `change_root` (m, j) is a root of the covariance left, in σ of each error.
     """
 
@@ -111,6 +112,7 @@ class RigView:
     timing_px: Array | float = 0.0
     delay_by_rows: tuple[float, float] = (0.0, 0.0)
     turn_root: Array = field(default_factory=lambda: np.zeros((3, 0)))
+    turn: Array = field(default_factory=lambda: np.zeros(0))
     change: RigChange | None = None
     change_root: Array | None = None
 

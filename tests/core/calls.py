@@ -35,12 +35,19 @@ MOTIONS = np.broadcast_to(np.eye(4), (N, 4, 4))
 FIELD, MOVES = RNG.normal(size=(N, 3)), RNG.normal(size=(4, 2))
 GRID = Record(u_px=np.arange(3.0), v_px=np.arange(2.0), length_px=8.0, root=np.eye(6))
 ROWS = Record(
-    projection=PINHOLES, field=GRID, mean=np.ones(13), cov=np.eye(13), scatter_px=0.2, max_px=2.0, rules=RowRules()
+    projection=PINHOLES,
+    field=GRID,
+    mean=np.ones(13),
+    cov=np.eye(13),
+    scatter_px=0.2,
+    unexplained_px=0.2,
+    max_px=2.0,
+    rules=RowRules(),
 )
 EXPOSED = Record(size_px=(80.0, 60.0), coefficients=RNG.normal(size=(2, 3, 3)))
 TURN_RULES = Record(std_rad=0.1, limit=27.0, steps=12, guess_frames=5)
 USUAL = Record(rules=TURN_RULES, measured=np.eye(3), real=np.eye(3), frames=3, late=np.ones(2))
-APPARENT = Record(cov_others=np.eye(3), per_s=np.ones(3), var_delay_s2=1.0)
+APPARENT = Record(cov_others=np.eye(3), per_s=np.ones(3), var_delay_s2=1.0, std_rad=0.1)
 TURN = Record(rad=np.ones(3), cov=np.eye(3), chi2=1.0, apparent=APPARENT)
 RIGHT_SIDES = Record(rows=ROWS, turn_rad=np.ones(3), twist=np.ones(6))
 TIMING = Record(row_of=EXPOSED, mean=np.ones(2), cov=np.eye(2), twist=np.ones(6))
@@ -141,7 +148,7 @@ CALLS = {
     "fit_motion": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), RULES, True),
     "project_points": (PINHOLES, POINTS),
     "seen_points": (PINHOLES, VIEWS),
-    "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, Wanted(True, False, False, False), np.eye(4)),
+    "resect": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), RULES, Wanted(True, False, False, False), np.eye(4)),
     "motion_of_flow": (PINHOLES, TRACKS, np.ones(N), STARTS, np.ones(N, bool), np.eye(4), 0.5, 9.0, RULES),
     "fit_turn": (but(OF_VIEWS, shared=SHARED[..., :0]), np.eye(4), np.eye(3), TURN_RULES),
     "rig_effects": (PINHOLES, np.eye(len(TERMS)), GRID, VIEWS, np.ones(N)),
@@ -166,8 +173,7 @@ CALLS = {
     "weigh_turn": (USUAL, TURN, np.ones(4)),
     "learn_turn": (USUAL, TURN, 3),
     "effects_of_turn": (PINHOLES, STARTS),
-    "explained_by": (FIELD, np.ones(N), 2.4, 2),
-    "fit_rows": (ROWS, STARTS, np.ones(N), np.ones(N), 1e-3, 2.4, 2),
+    "fit_rows": (ROWS, STARTS, np.ones(N), np.ones(N), np.ones((N, 2)), 1e-3, 2.4, 2),
     "views_by_turn": (PINHOLES, VIEWS, np.eye(3)),
     "with_turn": (PINHOLES, VIEWS, COV, np.eye(3)),
     "point_motions": (MOTIONS, np.arange(N) / 10),

@@ -51,8 +51,8 @@ def watched(turns: list[np.ndarray], seed: int = 0, by_delay_rad: np.ndarray = N
     rng, watch, unusual = np.random.default_rng(seed), TurnWatch.begun(P, TurnRules()), []
     motion, apparent = se3.exp([0.01, 0, -0.05, 0, 0.01, 0]), ApparentTurns(np.zeros((3, 3)), by_delay_rad, 1.0)
     for rad in turns:
-        watch, turn = watch.judge(*frame(rng, rad, motion), apparent)
-        unusual.append(turn is not None)
+        watch, _ = watch.judge(*frame(rng, rad, motion), apparent)
+        unusual.append(bool(watch.unusual))
     return watch, unusual
 
 
@@ -128,6 +128,29 @@ def test_the_delay_is_one_unknown_of_the_run_and_hides_no_turns() -> None:
         at = ApparentTurns(np.zeros((3, 3)), per_delay, 1.0)
         delayed = delayed.learnt(Turn(0.7 * per_delay, 1e-10 * np.eye(3), 3.0, at))
     assert np.sqrt(delayed.real[1, 1]) < 5e-5
+
+
+def test_unusual_turns_that_differ_are_no_knock() -> None:
+    """As of a car that shakes: each is clear, they have one sign, and differ by a third of their mean."""
+    apart = watched([NONE] * 12 + [2.2 * YAW, 4.2 * YAW, 3.8 * YAW])[0]
+    assert len(apart.unusual) == 3 and apart.lasting_rad is None
+    same = watched([NONE] * 12 + 3 * [3.4 * YAW])[0]
+    assert same.lasting_rad == pytest.approx(3.4 * YAW, abs=1e-4)
+
+
+def test_a_turn_that_is_larger_than_those_before_is_where_resections_begin() -> None:
+    """In the second frame it is no knock, as nobody knows how much this rig shakes."""
+    watch = watched([NONE, 1.2 * YAW])[0]
+    assert not watch.unusual
+    assert watch.usual.root @ watch.larger == pytest.approx(1.2 * YAW, abs=1e-4)
+    assert not len(watched([NONE] * 12)[0].larger)
+
+
+def test_the_error_of_a_turn_rate_during_a_delay_is_no_knock() -> None:
+    """A delay of 8 ms makes an error of 0.2 rad/s look like a turn of 1.6 mrad."""
+    usual, turn = watched([NONE] * 12)[0].usual, Turn(YAW, 1e-10 * np.eye(3), 3.0, NOTHING)
+    late = ApparentTurns(np.zeros((3, 3)), NONE, 0.0, 1.6e-3)
+    assert usual.sized(turn)[1] > 12 > 0 > usual.sized(Turn(YAW, turn.cov, 3.0, late))[1]
 
 
 def test_turns_of_the_present_have_their_own_size() -> None:

@@ -82,10 +82,11 @@ def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None
     prior = Rows.unknown(P, Config(rules=Rules((RowRules(step_px=0.0),))))
     at, speed = places(rng, 60), 30 * rng.normal(size=60)
     seen = smooth(at) + STD_PX * rng.normal(size=60)
-    rows = prior.learnt(at, seen, speed)
+    own = rng.normal(size=(60, 2))  # errors of this frame alone
+    rows = prior.learnt(at, seen, speed, own)
 
     design = np.concatenate([polynomial(at), -speed[:, None], field_over(P.width, P.height).at(at)], axis=1)
-    cov_seen = design @ prior.cov @ design.T + prior.scatter_px**2 * np.eye(60)
+    cov_seen = design @ prior.cov @ design.T + prior.unexplained_px**2 * np.eye(60) + own @ own.T
     gain = np.linalg.solve(cov_seen, design @ prior.cov).T
     cov = prior.cov - gain @ design @ prior.cov
     there = np.concatenate([polynomial(GRID), np.zeros((len(GRID), 1)), field_over(640, 480).at(GRID)], axis=1)
@@ -104,6 +105,16 @@ def test_smooth_differences_are_learnt(wrong: float) -> None:
     down = np.array([0.0, 1.0])
     assert agree(rows, GRID, GRID + (offsets_px(rows, GRID) - smooth(GRID))[:, None] * down).all()
     assert not agree(rows, GRID, GRID + 6 * rows.scatter_px * down).any()
+
+
+def test_rows_of_new_matches_err_as_those_of_the_run_do() -> None:
+    """Their images may show σ of a third: then the right row gets the rest. If they show it all, nothing changes."""
+    rows = learnt(np.random.default_rng(3), 20, NO_FIELD)
+    noise, left, right = rows.unexplained_px, 0.2, 0.3
+    seen, other = (np.diag([1, left**2, 1, right**2]) * share**2 * noise**2 for share in (1.0, 4.0))
+    cov = rows.of_matches(np.stack([seen, seen]))
+    assert np.all(cov[:, 1, 1] + cov[:, 3, 3] == pytest.approx(noise**2)) and np.all(cov[:, :3, :3] == seen[:3, :3])
+    assert np.all(rows.of_matches(np.stack([other, other])) == other) and not len(rows.of_matches(np.empty((0, 4, 4))))
 
 
 def test_nothing_is_claimed_before_anything_is_seen() -> None:
@@ -159,12 +170,9 @@ def test_a_late_camera_is_not_mistaken_for_row_differences(delay_s: float) -> No
     speed = np.full(len(GRID), 100.0)  # a match that has moved by the effect of the delay agrees
     difference = offsets_px(rows, GRID, speed) - (smooth(GRID) - delay_s * speed)
     assert agree(rows, GRID, GRID + np.stack([np.zeros(len(GRID)), difference], axis=1), speed).all()
-    information, weighted = rows.delay  # from matches alone; a share of it may be an error of the velocities
+    information, weighted = rows.delay  # from matches alone
     prior = Config().rig.std_delay_s ** -2.0
-    assert weighted / information == pytest.approx(mean * (1 + prior * std**2), rel=0.01, abs=0.1 * std)
-    assert information == pytest.approx(
-        1 / (1 / (std**-2 - prior) + (Config().rules.of(RowRules).speed_error * mean) ** 2), rel=1e-6
-    )
+    assert (information, weighted) == pytest.approx((std**-2 - prior, mean / std**2), rel=1e-6)
 
 
 def test_an_estimated_delay_counts_as_known() -> None:
@@ -216,7 +224,7 @@ def test_errors_of_rows_are_those_of_the_right_sides() -> None:
     assert cov_turn == pytest.approx(turns @ turns.T, rel=1e-9)
 
 
-def shaken(delay_s: float, wrong: float = 0.0) -> Rows:
+def shaken(delay_s: float, wrong: float = 0.0, std_turning: float = 0.5) -> Rows:
     """Rows after frames of a late camera that turns by 0.5 rad/s more or less than is expected, in each frame anew."""
     rng, rows = np.random.default_rng(8), Rows.unknown(P, Config())
     for _ in range(30):
@@ -226,7 +234,7 @@ def shaken(delay_s: float, wrong: float = 0.0) -> Rows:
         expected, error = np.r_[np.zeros(3), 0.2 * rng.normal(size=3)], np.r_[np.zeros(3), 0.5 * rng.normal(size=3)]
         z_px += STD_PX * rng.normal(size=z_px.shape)
         z_px[:, 3] += delay_s * velocities(P, points, expected + error)[:, 3] + wrong * rng.normal(size=60)
-        rows = rows.after(z_px, expected)
+        rows = rows.after(z_px, expected, std_turning)
     return rows
 
 
@@ -240,15 +248,9 @@ def test_an_unknown_turn_during_a_delay_explains_rows_and_nothing_else_does() ->
     assert shaken(8e-3, wrong=1.0).unexplained_px > 0.5
 
 
-def test_what_amplitudes_explain_is_found_as_numpy_finds_it() -> None:
-    """Reweighted least squares with a prior of σ = 1; an outlier pulls by its Cauchy weight only."""
-    rng = np.random.default_rng(8)
-    effects, width = rng.normal(size=(80, 3)), 2.385
-    rest = effects @ np.array([1.0, -2.0, 0.5]) + 0.1 * rng.normal(size=80)
-    rest[:4] += 50
-    explained = np.zeros(80)
-    for _ in range(5):
-        weighted = effects.T / (1 + ((rest - explained) / width) ** 2)
-        explained = effects @ np.linalg.solve(np.eye(3) + weighted @ effects, weighted @ rest)
-    assert np.allclose(core.explained_by(effects, rest, width, 5), explained, rtol=1e-9)
-    assert np.abs(explained - rest)[4:].max() < 1
+def test_a_delay_is_as_certain_as_the_turn_rates_of_the_frames_allow() -> None:
+    """A rate that errs by 0.5 rad/s in each frame moves all its rows alike, by more than the delay itself does."""
+    information, weighted = shaken(8e-3).delay
+    assert abs(weighted / information - 8e-3) < 3 / np.sqrt(information)
+    information, weighted = shaken(8e-3, std_turning=0.0).delay
+    assert abs(weighted / information - 8e-3) > 5 / np.sqrt(information)

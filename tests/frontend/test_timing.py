@@ -8,7 +8,7 @@ import pytest
 from stream_sfm.camera.refinement import KnownTiming
 from stream_sfm.config import RigConfig
 from stream_sfm.frontend.learnt.first_timing import learn_timing
-from stream_sfm.frontend.learnt.timing import Timing
+from stream_sfm.frontend.learnt.timing import Timing, TurningError
 from stream_sfm.frontend.state import FrontEndState
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
@@ -121,3 +121,13 @@ def test_points_begun_before_any_motion_are_placed_by_a_known_timing(anew: bool)
     assert "relative to the left" not in observed.note
     in_both = np.isfinite(observed.z_px[: len(observed.z_px) - observed.n_new, 2])
     assert in_both.mean() > 0.9
+
+
+def test_the_error_of_an_extrapolated_turn_rate_is_learnt_from_the_frames_after_it() -> None:
+    """The guess lasts until the first error is known."""
+    error, rng = TurningError(), np.random.default_rng(11)
+    first = error.after(np.array([9.0, 9.0, 9.0, 0.01, 0.0, 0.0]))  # translations do not count
+    assert first.mean_square == pytest.approx(0.01**2 / 3)
+    for _ in range(200):
+        error = error.after(np.r_[np.zeros(3), 0.3 * rng.normal(size=3)])
+    assert np.sqrt(error.mean_square) == pytest.approx(0.3, rel=3 / np.sqrt(2 * 3 * 20))  # 20 frames are remembered

@@ -80,6 +80,20 @@ def test_a_motion_of_some_views_is_judged_by_all() -> None:
     assert of_all.dof == 4 * np.count_nonzero(of_all.accepted)
 
 
+def test_a_shared_error_is_sought_from_where_it_begins() -> None:
+    """Half of the views have an error of 30 σ, the others none: each half is found from its own amplitude."""
+    truth, (points, cov_points, z, cov), _ = problem(3, 60)
+    shared = np.zeros((60, 4, 1))
+    shared[:, 2:, 0] = STD_PX, -STD_PX
+    moved, amplitude = np.arange(60) < 30, np.array([30.0])
+    z = z + moved[:, None] * (shared @ amplitude)
+    views = PointViews(P, points, cov_points, z, cov, shared=shared)
+    for start, expected in ((np.zeros(1), ~moved), (amplitude, moved)):
+        found = resect(views, truth, start_is_close=True, start_is_decided=True, find_second=False, amplitudes=start)
+        assert (found.accepted == expected).mean() > 0.9
+        assert abs(found.amplitudes[0] - start[0]) < 3  # points err as well, and the prior draws by 1.7 to zero
+
+
 def test_shared_errors_are_columns_of_one_least_squares_problem() -> None:
     """One of the right side, as a delay, and one like a turn.
 

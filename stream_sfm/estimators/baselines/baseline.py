@@ -1,6 +1,7 @@
 """The common part of the baselines: how their maps begin, continue and are lost."""
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,8 @@ from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
 from ...geometry.robust_rules import RobustRules
 from ...geometry.stereo import StereoProjection
-from ...geometry.view_stages import CorrectedViews
+from ...geometry.view_stages import CorrectedViews, RawViews
+from ...rig_model.terms import by_turn
 from ...types import Observations, Solution, Status
 from ..initial_motion import initial_motion
 from ..lifecycle import LostError, WorldPoints, first_solution, lost_solution, recorded, too_few_inliers
@@ -31,6 +33,7 @@ class Baseline(ABC):
 
     def step(self, observations: Observations) -> Solution:
         """Process the next frame; see `Estimator.step`."""
+        observations = _without_turn(self._projection, observations)
         try:
             if self._structure is not None:
                 return recorded(self._motion, observations, *self._advance(observations, self._structure))
@@ -67,3 +70,12 @@ class Baseline(ABC):
         if found is None:
             raise LostError(too_few_inliers(0, len(rows), robust))
         return found
+
+
+def _without_turn(projection: StereoProjection, observations: Observations) -> Observations:
+    """Return the observations without a turn of the right camera that is larger than those before."""
+    rig = observations.rig
+    if rig is None or not len(rig.turn):
+        return observations
+    turned_px = by_turn(projection, observations.z_px, (rig.turn_root @ rig.turn)[:, None])[..., 0]
+    return replace(observations, z_px=RawViews(observations.z_px - turned_px))

@@ -238,7 +238,7 @@ class CrossFrame(TakesSamples):
         weights = self.config.window.no_history + _frames_agreed(current, views.ids[rows])
         z_px, cov_px = CorrectedViews(corrected_px[rows]), observations.cov_px[rows]
         seen = PointViews(self.projection, points, cov, z_px, cov_px, robust, unknown_px)
-        found = initial_motion(seen, observations, start, weights)
+        found = initial_motion(seen, observations, start, weights, _first_amplitudes(observations, unknown_px))
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
         if unknown_px is not None:
@@ -359,6 +359,14 @@ def _unknown_rig(observations: Observations, rules: RigConfig) -> RigState:
     model = observations.rig.model
     mean, size, learnt = model.before_views()
     return RigState.unknown(size, learnt, observations.stamp_ns, mean, rules, model.refined)
+
+
+def _first_amplitudes(observations: Observations, unknown_px: Array | None) -> Array | None:
+    """Return the amplitudes (j,) of shared errors (n, 4, j) to begin with; None if all are zero."""
+    if observations.rig is None or unknown_px is None:
+        return None
+    turn = observations.rig.turn
+    return np.concatenate([turn, np.zeros(unknown_px.shape[2] - len(turn))])
 
 
 def _frames_agreed(current: WindowState, ids: NDArray[np.int64]) -> Array:

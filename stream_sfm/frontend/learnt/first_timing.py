@@ -10,10 +10,13 @@ from ...record import changed
 from ..state import FrontEndState
 
 
-def first_timed(projection: StereoProjection, state: FrontEndState, twist: Array) -> FrontEndState:
-    """Process what waited for a twist (6,) of the points: row differences, and track positions of the first frame."""
+def first_timed(projection: StereoProjection, state: FrontEndState, twist: Array, std_turning: float) -> FrontEndState:
+    """Process what waited for a twist (6,) of the points: row differences, and track positions of the first frame.
+
+    `std_turning`: σ of its rotation, as in `Timing`.
+    """
     if state.rows_waiting is not None:
-        state = changed(state, rows=state.rows.after(state.rows_waiting, twist), rows_waiting=None)
+        state = changed(state, rows=state.rows.after(state.rows_waiting, twist, std_turning), rows_waiting=None)
     if state.timing.twist is not None:
         return state
     tracks, timing = state.tracks.begun_with(projection, twist), changed(state.timing, twist=twist)

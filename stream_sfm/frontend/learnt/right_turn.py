@@ -2,12 +2,13 @@
 
 A small turn shifts all right views by a field with three unknowns that is the same for near and far points. It is
 estimated in every frame together with the motion, and compared with the usual turns of the same run: real rigs vibrate
-or are not quite synchronous. The motion of a frame with an unusual turn is estimated from the left image. Once three
-such frames in a row have shown the same turn, all further measurements on the right are corrected for it; otherwise
-they were usual turns of this rig.
+or are not quite synchronous. A turn that is larger than those is where the resections of its frame begin, before any
+view is gated, and views off their rows count if they agree with it. Once three frames in a row have shown the same
+unusual turn, all further measurements on the right are corrected for it; otherwise they were usual turns of this rig.
 """
 
 import math
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ class TurnWatch:
     """The turns of a run.
 
     `usual`: those that are usual; `settings`: for the gate of views. `unusual`: the unusual turns of the latest
-    consecutive frames.
+    consecutive frames. `larger_rad` (3,): the turn of the latest frame if it is larger than usual ones, else zero.
     """
 
     projection: StereoProjection
@@ -63,6 +64,7 @@ class TurnWatch:
     settings: RobustRules
     usual: UsualTurns
     unusual: tuple[Turn, ...] = ()
+    larger_rad: Array = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
     def begun(cls, projection: StereoProjection, rules: TurnRules) -> "TurnWatch":
@@ -74,14 +76,31 @@ class TurnWatch:
         """The turn (3,) that the latest frames have in common; None if they differ or are too few."""
         if len(self.unusual) < self.rules.lasting_frames:
             return None
-        latest = np.array([turn.rad for turn in self.unusual[-self.rules.lasting_frames :]])
-        mean = latest.mean(axis=0)
-        apart = np.linalg.norm(latest - mean, axis=1).max()
-        return mean if apart < self.rules.same * np.linalg.norm(mean) else None
+        latest = self.unusual[-self.rules.lasting_frames :]
+        mean = np.mean([turn.rad for turn in latest], axis=0)
+        apart = (changed(turn, rad=turn.rad - mean).distance2(self.usual.real) for turn in latest)
+        return mean if max(apart) < self.rules.limit else None
+
+    @property
+    def unusual_rad(self) -> Array:
+        """The turn (3,) of the latest frame if it is unusual, else zero."""
+        return self.unusual[-1].rad if self.unusual else np.zeros(3)
+
+    @property
+    def root_left(self) -> Array:
+        """A root (3, 3) of the covariance of the latest frame's turn without `unusual_rad`."""
+        return np.asarray(np.linalg.cholesky(self.unusual[-1].cov)) if self.unusual else self.usual.root
+
+    @property
+    def larger(self) -> Array:
+        """The amplitudes (3,) of the latest frame's turn by `usual.root`; none if it is no larger than usual."""
+        if not self.larger_rad.any():
+            return np.zeros(0)
+        return np.asarray(np.linalg.solve(self.usual.root, self.larger_rad))
 
     def calm(self) -> "TurnWatch":
         """Return the watch without its unusual turns, which are corrected now or have no track left to show them."""
-        return changed(self, unusual=())
+        return changed(self, unusual=(), larger_rad=np.zeros(3))
 
     def judge(
         self,
@@ -92,7 +111,7 @@ class TurnWatch:
         cam_from_previous: Array,
         apparent: ApparentTurns,
     ) -> tuple["TurnWatch", NDArray[np.bool_] | None]:
-        """Return the watch after a frame, and which views (n,) agree with its turn if that is unusual, else None.
+        """Return the watch after a frame, and which views (n,) agree with its turn; None if it shows none.
 
         `points` (n, 4) are homogeneous, in the previous camera, with covariances (n, 4, 4). Their views `z_px` (n, 4)
         in this frame have covariances (n, 4, 4); none of them was rejected for its row. The motion may be approximate.
@@ -110,7 +129,9 @@ class TurnWatch:
         usual, log_odds = self.usual.sized(turn)
         stands_out = possible and log_odds > -math.log(rules.knocks)
         if stands_out and len(self.unusual) < rules.patience_frames:
-            return changed(self, usual=usual, unusual=(*self.unusual, turn)), agree
+            return changed(self, usual=usual, unusual=(*self.unusual, turn), larger_rad=rad), agree
+        larger = possible and turn.distance2(self.usual.root @ self.usual.root.T) > rules.limit
         for each in (*self.unusual, turn):  # this rig turns to and fro
             usual = usual.learnt(each)
-        return changed(self, usual=usual, unusual=()), None
+        now = changed(self, usual=usual, unusual=(), larger_rad=rad if larger else np.zeros(3))
+        return now, agree if possible else None

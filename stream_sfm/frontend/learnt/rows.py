@@ -37,13 +37,8 @@ class RowRules(Section, frozen=True, kw_only=True):
     # This is three times the scatter of good matches. With less, a few matches that agree by chance would set the
     # gate.
     least_gate_px: Annotated[float, expert("least gate of a match about its row, px", 1e-3, 100)] = 0.3
-    # All matches use the same extrapolated velocities. The error is 11 and 18 % on two rendered logs with a late
-    # camera.
-    speed_error: Annotated[float, expert("relative error of a delay", 0, 10)] = 0.2
     # This is well below the errors that matter.
     known_px: Annotated[float, expert("σ below which a row difference is known, px", 1e-3, 100)] = 0.1
-    # A shaken camera turns so fast, and within some frames the other way.
-    std_turning_rad_s: Annotated[float, expert("σ of an unknown turn rate of the camera, rad/s", 0, 100)] = 1.0
 
 
 _POLYNOMIAL = 6  # coefficients
@@ -88,9 +83,7 @@ class Rows:
     def delay(self) -> tuple[float, float]:
         """The delay of the right camera from matches alone: its information, s⁻², and information times delay, s⁻¹."""
         mean, var = self.mean[_POLYNOMIAL], self.cov[_POLYNOMIAL, _POLYNOMIAL]
-        information = 1 / var - self.std_delay_s**-2
-        wrong = 1 / (1 + information * (self.rules.speed_error * mean) ** 2)
-        return float(wrong * information), float(wrong * mean / var)
+        return float(1 / var - self.std_delay_s**-2), float(mean / var)
 
     def with_delay(self, delay_s: float, variance_s2: float) -> "Rows":
         """Return the rows with a delay N(`delay_s`, `variance_s2`), if that is more certain than their own estimate.
@@ -122,30 +115,44 @@ class Rows:
         known = std_px < self.rules.known_px
         return float(np.sqrt((difference_px[known] ** 2).mean())) if known.any() else float("nan")
 
-    def after(self, z_px: Array, twist: Array) -> "Rows":
-        """Return the rows after new views (n, 4) of a frame whose points move with a twist (6,)."""
+    def of_matches(self, cov_px: Array) -> Array:
+        """Return the covariances (n, 4, 4) of new matches, whose rows err as those of this run do, eq. (19c)."""
+        if not len(cov_px):
+            return cov_px
+        beyond_px2 = self.unexplained_px**2 - median(cov_px[:, 1, 1] + cov_px[:, 3, 3])
+        return cov_px + np.diag([0, 0, 0, max(beyond_px2, 0.0)])
+
+    def after(self, z_px: Array, twist: Array, std_turning_rad_s: float) -> "Rows":
+        """Return the rows after new views (n, 4) of a frame whose points move with a twist (6,).
+
+        The twist is an extrapolation, and its rotation errs by `std_turning_rad_s` about each axis. During a delay this
+        moves all rows of the frame, so that it is an unknown of the frame, eq. (19b).
+        """
         points = core.seen_points(self.projection, z_px)
         row_speed_px_s = velocities(self.projection, points, twist)[:, 3]
         by_turning = np.stack([velocities(self.projection, points, e)[:, 3] for e in np.eye(6)[3:]], axis=1)
-        return self.learnt(z_px[:, :2], z_px[:, 1] - z_px[:, 3], row_speed_px_s, by_turning)
+        size_s = math.hypot(self.mean[_POLYNOMIAL], math.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL]))
+        own_px = by_turning * (size_s * std_turning_rad_s)
+        return self.learnt(z_px[:, :2], z_px[:, 1] - z_px[:, 3], row_speed_px_s, own_px)
 
     def learnt(
-        self, left_px: Array, difference_px: Array, row_speed_px_s: Array, by_turning: Array | None = None
+        self, left_px: Array, difference_px: Array, row_speed_px_s: Array, own_px: Array | None = None
     ) -> "Rows":
         """Return the rows after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s.
 
-        `by_turning` (n, 3): how they would move if the camera turned by 1 rad/s about each of its axes.
+        `own_px` (n, e): the effects of errors of this frame alone, of σ = 1.
         """
         if len(left_px) < _POLYNOMIAL:
             return self
         matches, rules = (left_px, difference_px, row_speed_px_s), self.rules
-        information, weighted, mean, rest_px = core.fit_rows(
-            self, *matches, rules.step_px, CAUCHY_WIDTH, rules.reweightings
+        own_px = np.zeros((len(left_px), 0)) if own_px is None else own_px
+        information, weighted, mean, rest_px, without_own_px = core.fit_rows(
+            self, *matches, own_px, rules.step_px, CAUCHY_WIDTH, rules.reweightings
         )
         frames = self.frames + 1
         scatter = MAD_TO_STD * median(np.abs(rest_px))
         scatter_px = self.scatter_px + (scatter - self.scatter_px) / min(frames, MEMORY_FRAMES)
-        unexplained = MAD_TO_STD * median(np.abs(rest_px - self._by_unknown_turn(rest_px, mean, by_turning)))
+        unexplained = MAD_TO_STD * median(np.abs(without_own_px))
         unexplained_px = self.unexplained_px + (unexplained - self.unexplained_px) / min(frames, MEMORY_FRAMES)
         field_std_px = self._likely_field_std_px(information, mean)
         field = range(_POLYNOMIAL + 1, len(mean))
@@ -162,17 +169,6 @@ class Rows:
             field_std_px=field_std_px,
             largest_px=float(np.abs(terms @ mean - terms[:, _POLYNOMIAL] * mean[_POLYNOMIAL]).max()),
         )
-
-    def _by_unknown_turn(self, rest_px: Array, mean: Array, by_turning: Array | None) -> Array:
-        """Return the part (n,) of what is left of row differences that an unknown turn rate explains, eq. (19b).
-
-        The velocity of a shaken camera is extrapolated, and a delay moves all rows by its error.
-        """
-        if by_turning is None:
-            return np.zeros_like(rest_px)
-        size_s = math.hypot(mean[_POLYNOMIAL], math.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL]))
-        columns, px = by_turning * (size_s * self.rules.std_turning_rad_s / self.unexplained_px), self.unexplained_px
-        return px * core.explained_by(columns, rest_px / px, CAUCHY_WIDTH, self.rules.reweightings)
 
     def _likely_field_std_px(self, information: Array, mean: Array) -> float:
         """Return the likely σ of the field, eq. (19a), from all information about the rows."""

@@ -13,9 +13,28 @@ from ...camera.over_image import ExposedRows
 from ...camera.refinement import KnownTiming
 from ...config import RigConfig
 from ...geometry import Array
+from ...geometry.medians import MEMORY_FRAMES
 from ...geometry.stereo import StereoProjection
 from ...record import changed, record
 from ...rig_model.terms import AT_TIMING, prior_std
+
+_FIRST_TURNING_RAD_S = 0.075  # the assumed angular acceleration during half of an interval of 50 ms
+
+
+@record
+class TurningError:
+    """How much the rotation of a twist errs that is extrapolated from two motions: `mean_square` (rad/s)², an axis.
+
+    It is learnt from `frames` frames, once the motion after each is known.
+    """
+
+    mean_square: float = _FIRST_TURNING_RAD_S**2
+    frames: int = 0
+
+    def after(self, error: Array) -> "TurningError":
+        """Return the same after a twist that has erred by (6,)."""
+        frames = min(self.frames + 1, MEMORY_FRAMES)
+        return TurningError(self.mean_square + (float(error[3:] @ error[3:]) / 3 - self.mean_square) / frames, frames)
 
 
 @record
@@ -24,7 +43,7 @@ class Timing:
 
     `std` (2,): their prior σ; `step`: the share of it that is added in quadrature to an estimator's σ. `row_of`: the
     rows of the cameras' images in which views are exposed. `twist` (6,): of the points in the last frame, None without
-    a motion.
+    a motion; `std_turning`: σ of its rotation about each axis, rad/s.
     """
 
     projection: StereoProjection
@@ -34,6 +53,7 @@ class Timing:
     cov: Array
     step: float = RigConfig().timing_step
     twist: Array | None = None
+    std_turning: float = 0.0
 
     @classmethod
     def unknown(

@@ -25,7 +25,6 @@ class TurnRules(Section, frozen=True, kw_only=True):
     limit: Annotated[float, expert("cap on χ² of a frame in the usual rotation", 1, 1e6)] = 27.0
     # Three frames fit in one window and keep depths valid.
     lasting_frames: Annotated[int, expert("frames with one rotation before it is accepted", 1, 1000)] = 3
-    same: Annotated[float, expert("tolerance of consecutive rotations, relative to their mean", 0, 10)] = 0.5
     # After that, an ever-changing rotation counts as usual.
     patience_frames: Annotated[int, expert("largest number of frames with unusual rotations", 1, 1000)] = 8
     # Templates are not found from farther away; left and right then do not fit each other.
@@ -46,12 +45,13 @@ class ApparentTurns:
     """The apparent turns by unknown errors of the rig in a frame.
 
     `cov_others` (3, 3): of all but a delay of the right camera, whose turn is `per_s` (3,) rad/s with a variance of
-    `var_delay_s2`.
+    `var_delay_s2`, and errs by `std_rad` about each axis, as the rate does.
     """
 
     cov_others: Array
     per_s: Array
     var_delay_s2: float
+    std_rad: float = 0.0
 
     @property
     def cov(self) -> Array:
@@ -70,6 +70,10 @@ class Turn:
     cov: Array
     chi2: float
     apparent: ApparentTurns
+
+    def distance2(self, usual: Array) -> float:
+        """Return the squared distance of the turn from usual ones with this covariance (3, 3)."""
+        return float(self.rad @ np.linalg.solve(usual + self.cov, self.rad))
 
 
 @record
