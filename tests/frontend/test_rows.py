@@ -115,6 +115,7 @@ def test_rows_of_new_matches_err_as_those_of_the_run_do() -> None:
     cov = rows.of_matches(np.stack([seen, seen]))
     assert np.all(cov[:, 1, 1] + cov[:, 3, 3] == pytest.approx(noise**2)) and np.all(cov[:, :3, :3] == seen[:3, :3])
     assert np.all(rows.of_matches(np.stack([other, other])) == other) and not len(rows.of_matches(np.empty((0, 4, 4))))
+    assert np.all(Rows.unknown(P, Config()).of_matches(np.stack([seen, seen])) == seen)  # the run has shown nothing yet
 
 
 def test_nothing_is_claimed_before_anything_is_seen() -> None:

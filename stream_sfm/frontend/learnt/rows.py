@@ -117,7 +117,7 @@ class Rows:
 
     def of_matches(self, cov_px: Array) -> Array:
         """Return the covariances (n, 4, 4) of new matches, whose rows err as those of this run do, eq. (19c)."""
-        if not len(cov_px):
+        if not self.frames or not len(cov_px):
             return cov_px
         beyond_px2 = self.unexplained_px**2 - median(cov_px[:, 1, 1] + cov_px[:, 3, 3])
         return cov_px + np.diag([0, 0, 0, max(beyond_px2, 0.0)])
