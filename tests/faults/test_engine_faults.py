@@ -168,7 +168,8 @@ FAULTS: dict[str, Callable[[], Fault]] = {
     ),
     # a map of twelve blurred points may be followed by all of them: with σ of 30 mm, and right
     "blurred by 15 px": lambda: Fault(
-        during(range(10, 14), lambda i: cv2.GaussianBlur(i, (0, 0), 15)), "io{9}[lid]{2}[lido]{2,3}[io]{5,6}", off_m=0.03
+        during(range(10, 14), lambda i: cv2.GaussianBlur(i, (0, 0), 15)), "io{9}[lid]{2}[lido]{2,3}[io]{5,6}",
+        off_m=0.03,
     ),
     "a turn by 90° in three frames": turned,
     "covered, then uncovered elsewhere": covered_and_carried,
